@@ -169,3 +169,14 @@ def test_a_name_that_is_gone_is_found(tmp_path: Path) -> None:
     )
     found = [pair for pair in list_imports(script) if not is_there(*pair)]
     assert found == [("knotfab.knots", "gone"), ("knotfab.no", "x")]
+
+
+@pytest.mark.build
+def test_the_stages_one_by_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from examples import stages
+
+    assert stages.main(out=str(tmp_path / "stages"), accuracy="sketch") > 0.95
+    said = capsys.readouterr().out
+    for stage in ("1 knot(s), tube radius", "search: IoU", "shadow", "thickness"):
+        assert stage in said
+    assert "fail" not in said

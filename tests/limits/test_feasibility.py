@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import questions
 import validator_parts
 from command import knotfab
 from numpy.typing import NDArray
@@ -35,6 +37,8 @@ QUICK = PRESETS["draft"].model_copy(
         **{"fine_px": 64, "fine_iterations": 6, "settle_iterations": 4},
     }
 )
+# files left out whole are not measured: only the limits tell
+UNREAD = [f"--skip={name}" for name in (*KNOTS, *MESH, "tube", "clearance")]
 SIDE = 100.0
 SIZES: dict[str, tuple[float, float, float]] = {
     "box": (SIDE,) * 3,
@@ -302,12 +306,35 @@ def test_a_build_stays_inside_and_its_scene_names_the_copied_mesh(tmp_path: Path
     )
     out = tmp_path / "out"
     call = ("build", "--skip", "shadow-render")
-    # files left out whole are not measured: the region tells
-    unread = [f"--skip={name}" for name in (*KNOTS, *MESH, "tube", "clearance")]
-    done = knotfab(*call, *unread, "text:♥", "--scene", scene, "--out", out)
+    done = knotfab(*call, *UNREAD, "text:♥", "--scene", scene, "--out", out)
     assert done.code == 0, done
     report = json.loads((out / "report.json").read_text())
     check = next(c for c in report["checks"] if c["name"] == "region")
     assert check["status"] == "pass" and -1.0 < check["measured"] < 0  # the wall was felt
     assert (out / "region.stl").read_bytes() == (tmp_path / "room.stl").read_bytes()
     assert load_scene(out / "scene.toml").region.file == str(out / "region.stl")
+
+
+@pytest.mark.build
+def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) -> None:
+    scene = tmp_path / "stiff.toml"
+    few = questions.QUICK.replace("fine_px = 160", "fine_px = 96").replace(
+        "coarse_px = 96", "coarse_px = 64"
+    )
+    few = re.sub(r"iterations = \d+", "iterations = 12", few)
+    scene.write_text(f"{few}[material]\nmin_bend_radius_mm = 60.0\n")
+    call = ["build", "text:♥", "--scene", scene, "--tube-radius", "6"]
+    done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render", *UNREAD)
+    assert done.code == 1, done
+    assert not (tmp_path / "out" / "part.stl").exists()
+    report = json.loads((tmp_path / "out" / "rejected" / "report.json").read_text())
+    assert report["status"] == "fail"
+    [limits] = [c for c in report["checks"] if c["name"] == "limits"]
+    assert limits["status"] == "fail"
+    assert "below 60.000 mm at (" in limits["detail"]
+    # the written piece is the best that keeps the limit; it is no heart, and the report says why
+    assert {c["name"] for c in report["checks"] if c["status"] == "fail"} == {
+        *("limits", "shadow", "half_light", "recognisable")
+    }
+    [binding] = report["binding"]
+    assert binding["limits"] == ["bend"] and binding["iou_without"] > 0.9 > binding["iou"]

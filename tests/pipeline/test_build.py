@@ -13,10 +13,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command import Done, knotfab, picture, small_disk
+from command import Done, knotfab, small_disk
 from numpy.typing import NDArray
 from PIL import Image
-from questions import QUICK
 
 import knotfab.design.design as designing
 import knotfab.pipeline.piece as piece
@@ -258,23 +257,12 @@ def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
 
 def test_skip_knows_every_check_of_a_report(good: Good) -> None:
     own = {"3mf", "isotopy", "limits"}  # the build's, not the validators'
-    sometimes = {
-        "shadow-render",
-        "intrusion",
-        "plate_mesh",
-        "plates",
-        "plates_volume",
-        "slicer",
-        "level",
-        "tone",
-        "colours",
-        "lamp_colours",
-        "table_mesh",
-        "table_bars",
-        "table",
-        "table_shadow",
-    }
-    assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes - set(UPRIGHT)
+    of_others = (  # of pieces that hang, stand on a table, are cut into plates, or have several lamps
+        "shadow-render intrusion plate_mesh plates plates_volume slicer level tone colours lamp_colours "
+        "table_mesh table_bars table table_shadow"
+    )
+    sometimes = {*of_others.split(), *UPRIGHT}
+    assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
 
 
 def test_what_does_not_print_without_supports_is_built_again_with_them(
@@ -317,54 +305,19 @@ def test_validate_agrees_with_the_report(good: Good) -> None:
     assert answer["views"][0]["iou"] == good.report["views"][0]["iou"]
 
 
-def break_part(good: Good, into: Path, change: Any) -> Path:
-    """A copy of the good result whose part.stl was changed behind knotfab's back."""
-    shutil.copytree(good.folder, into)
-    data = (into / "part.stl").read_bytes()
+def test_validate_rejects_a_part_that_was_changed(good: Good, tmp_path: Path) -> None:
+    """It was moved by a millimetre behind knotfab's back."""
+    folder = tmp_path / "moved"
+    shutil.copytree(good.folder, folder)
+    data = (folder / "part.stl").read_bytes()
     facets = np.frombuffer(data[84:], dtype=FACET).copy()
-    facets = change(facets)
-    count = np.uint32(len(facets)).tobytes()
-    (into / "part.stl").write_bytes(data[:80] + count + facets.tobytes())
-    return into
-
-
-def shift(facets: NDArray[Any]) -> NDArray[Any]:
     facets["corners"] += np.array([0.0, 1.0, 0.0], dtype="<f4")
-    return facets
-
-
-def scale(facets: NDArray[Any]) -> NDArray[Any]:
-    facets["corners"] *= np.float32(1.02)
-    return facets
-
-
-def pierce(facets: NDArray[Any]) -> NDArray[Any]:
-    return facets[5:]
-
-
-def turn_over(facets: NDArray[Any]) -> NDArray[Any]:
-    facets["corners"] = facets["corners"][:, ::-1]
-    return facets
-
-
-@pytest.mark.parametrize(
-    ("change", "failing"),
-    [
-        (shift, {"tube"}),
-        (scale, {"tube", "mesh_volume"}),
-        (pierce, {"mesh_closed"}),
-        (turn_over, {"mesh_volume"}),
-    ],
-)
-def test_validate_rejects_a_part_that_was_changed(
-    good: Good, tmp_path: Path, change: Any, failing: set[str]
-) -> None:
-    folder = break_part(good, tmp_path / "broken", change)
-    others = [f"--skip={name}" for name in CHECKS if name not in failing]
+    (folder / "part.stl").write_bytes(data[:84] + facets.tobytes())
+    others = [f"--skip={name}" for name in CHECKS if name != "tube"]
     done = knotfab("validate", folder, "--json", *others)
     answer = json.loads(done.out)
     assert (done.code, answer["status"]) == (1, "fail")
-    assert failing <= {c["name"] for c in answer["checks"] if c["status"] == "fail"}
+    assert "tube" in {c["name"] for c in answer["checks"] if c["status"] == "fail"}
 
 
 def test_shadow_draws_the_verified_shadow(good: Good, tmp_path: Path) -> None:
@@ -422,24 +375,6 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     ]
 
 
-@pytest.mark.study  # that nothing renders, and that it may go on, tests/validators/test_validate.py says too
-def test_without_rendering_the_build_says_so_and_may_go_on(
-    designed: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("KNOTFAB_NO_RENDERING", "1")
-    monkeypatch.setenv("KNOTFAB_JOBS", "1")  # one process is soon started
-    done = knotfab(*designed, *UNREAD, "--out", tmp_path / "out")
-    assert done.code == 3, done
-    assert [p.name for p in (tmp_path / "out").iterdir()] == ["rejected"]
-    assert "KNOTFAB_NO_RENDERING" in done.out and "--skip shadow-render" in done.out
-    assert json.loads((tmp_path / "out/rejected/report.json").read_text())["status"] == "fail"
-    done = knotfab(*designed, *UNREAD, "--out", tmp_path / "out", "--skip", "shadow-render")
-    assert done.code == 0, done
-    checks = checks_of(tmp_path / "out")
-    assert checks["shadow"]["status"] == "pass" and checks["shadow"]["measured"] > 0.95
-    assert checks["build_volume"]["status"] == "skipped"
-
-
 def test_a_verifier_that_crashes_leaves_nothing(
     designed: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -489,119 +424,3 @@ def test_a_disk_that_fills_up(
     assert "the disk is full" in done.err and "Free some space" in done.err
     assert sorted(p.name for p in disk.iterdir()) == ["ballast", "part.stl"]
     assert (disk / "part.stl").read_text() == "earlier"
-
-
-# --- other pictures and options ---
-
-
-@pytest.fixture
-def quick(tmp_path: Path) -> list[str | Path]:
-    """A scene that searches for a second."""
-    scene = tmp_path / "quick.toml"
-    scene.write_text(QUICK)
-    return ["--scene", scene, "--skip", "shadow-render"]
-
-
-def two_pieces(size: int = 96) -> NDArray[np.bool_]:
-    ink = np.zeros((size, size), dtype=bool)
-    ink[16:80, 12:40] = True
-    ink[16:80, 56:84] = True
-    return ink
-
-
-def test_two_pieces_of_a_drawing_become_two_flat_knots(
-    tmp_path: Path, quick: list[str | Path]
-) -> None:
-    svg = tmp_path / "two.svg"
-    svg.write_text(
-        '<svg xmlns="http://www.w3.org/2000/svg" width="96" height="96">'
-        '<path d="M12 16h28v64h-28z M56 16h28v64h-28z"/></svg>'
-    )
-    out = tmp_path / "out"
-    done = knotfab("build", svg, *quick, "--tube-radius", "3", "--depth", "flat", "--out", out)
-    assert done.code == 0, done
-    knots = json.loads((out / "knots.json").read_text())["knots"]
-    report = json.loads((out / "report.json").read_text())
-    assert len(knots) == len(report["knots"]) == 2
-    assert report["print"]["depth_ratio"] < 0.15
-    assert any("2 knots are loose" in note for note in report["notes"])
-    assert tomllib.loads((out / "scene.toml").read_text())["piece"]["depth"] == "flat"
-    assert checks_of(out)["mesh_bodies"]["measured"] == 2
-    assert not list(out.glob("setup.*")) and report["print"]["drawings"] == []  # without --print
-
-
-def test_two_pieces_bridged_into_one_of_a_given_depth(
-    tmp_path: Path, quick: list[str | Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The picture is light on dark, in 16 bits of grey."""
-    modelled: list[object] = []
-    monkeypatch.setattr("knotfab.hold.modeller.call_fixture", lambda *a, **_: modelled.append(a))
-    png = tmp_path / "deep.png"
-    Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
-    out = tmp_path / "out"
-    done = knotfab(
-        "build", png, *quick, "--tube-radius", "5", "--knots", "1", "--depth", "40", "--out", out
-    )
-    assert done.code == 0, done
-    (knot,) = json.loads((out / "knots.json").read_text())["knots"]
-    scene = tomllib.loads((out / "scene.toml").read_text())
-    matrix = np.array(scene["pose"]["matrix"])
-    along = np.array(knot["points"]) @ matrix[2, :3]
-    assert 30 < np.ptp(along) < 44
-    assert scene["piece"]["depth"] == 40.0 and scene["piece"]["knots"] == 1
-    # who did what: neither told nor asked is a stage left out, or a mount that is not there
-    assert not modelled
-    settings = json.loads((out / "report.json").read_text())["settings"]
-    left = {"cadquery", "matplotlib", "pyvista", "resvg-py", "knot_floer_homology"}
-    assert not left & (set(settings["parts"]) | set(settings["versions"]))
-    assert settings["parts"]["manifold3d"] == "swept the tubes"
-    assert settings["parts"]["trimesh"] == "wrote part.glb"
-
-
-def test_a_very_wide_picture_turned_inside_out(tmp_path: Path, quick: list[str | Path]) -> None:
-    """Its middle is drawn, and inverted it becomes the two ends, up to the edge of the frame."""
-    middle = np.zeros((60, 600), dtype=bool)
-    middle[:, 250:350] = True
-    out = tmp_path / "out"
-    png = picture(tmp_path / "wide.png", middle)
-    done = knotfab("build", png, *quick, "--tube-radius", "2.5", "--invert", "--out", out)
-    assert done.code == 0, done
-    (view,) = tomllib.loads((out / "scene.toml").read_text())["views"]
-    assert (view["frame_width_mm"], view["frame_height_mm"]) == (180.0, 18.0)
-    assert view["invert"] is True
-    report = json.loads((out / "report.json").read_text())
-    (seen,) = report["views"]
-    assert (seen["width"], seen["height"]) == (600, 60) and seen["iou"] > 0.9
-    assert len(report["knots"]) == 2
-
-
-def test_the_stages_one_by_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from examples import stages
-
-    assert stages.main(out=str(tmp_path / "stages"), accuracy="sketch") > 0.95
-    said = capsys.readouterr().out
-    for stage in ("1 knot(s), tube radius", "search: IoU", "shadow", "thickness"):
-        assert stage in said
-    assert "fail" not in said
-
-
-def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) -> None:
-    scene = tmp_path / "stiff.toml"
-    few = QUICK.replace("fine_px = 160", "fine_px = 96").replace("coarse_px = 96", "coarse_px = 64")
-    few = re.sub(r"iterations = \d+", "iterations = 12", few)
-    scene.write_text(f"{few}[material]\nmin_bend_radius_mm = 60.0\n")
-    call = ["build", "text:♥", "--scene", scene, "--tube-radius", str(RADIUS)]
-    done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render", *UNREAD)
-    assert done.code == 1, done
-    assert not (tmp_path / "out" / "part.stl").exists()
-    report = json.loads((tmp_path / "out" / "rejected" / "report.json").read_text())
-    assert report["status"] == "fail"
-    [limits] = [c for c in report["checks"] if c["name"] == "limits"]
-    assert limits["status"] == "fail"
-    assert "below 60.000 mm at (" in limits["detail"]
-    # the written piece is the best that keeps the limit; it is no heart, and the report says why
-    assert {c["name"] for c in report["checks"] if c["status"] == "fail"} == {
-        *("limits", "shadow", "half_light", "recognisable")
-    }
-    [binding] = report["binding"]
-    assert binding["limits"] == ["bend"] and binding["iou_without"] > 0.9 > binding["iou"]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import tomli_w
+from command import knotfab
+from numpy.typing import NDArray
+from PIL import Image
+from questions import QUICK
 
 from knotfab.base.folder import OutputFolder
 from knotfab.cli.commands import app
@@ -234,3 +240,72 @@ def test_what_a_file_says_of_itself_survives_the_scene() -> None:
         for text in ("two\nlines", "x" * 201, "\x01"):
             with pytest.raises(InputError, match=f"--{key} .*it is no line of text"):
                 read_scene(options_from({key: text}))
+
+
+# --- builds with them ---
+
+
+@pytest.fixture
+def quick(tmp_path: Path) -> list[str | Path]:
+    """A scene that searches for a second."""
+    scene = tmp_path / "quick.toml"
+    scene.write_text(QUICK)
+    return ["--scene", scene, "--skip", "shadow-render"]
+
+
+def two_pieces(size: int = 96) -> NDArray[np.bool_]:
+    ink = np.zeros((size, size), dtype=bool)
+    ink[16:80, 12:40] = True
+    ink[16:80, 56:84] = True
+    return ink
+
+
+@pytest.mark.build
+def test_two_pieces_of_a_drawing_become_two_flat_knots(
+    tmp_path: Path, quick: list[str | Path]
+) -> None:
+    svg = tmp_path / "two.svg"
+    svg.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="96" height="96">'
+        '<path d="M12 16h28v64h-28z M56 16h28v64h-28z"/></svg>'
+    )
+    out = tmp_path / "out"
+    done = knotfab("build", svg, *quick, "--tube-radius", "3", "--depth", "flat", "--out", out)
+    assert done.code == 0, done
+    knots = json.loads((out / "knots.json").read_text())["knots"]
+    report = json.loads((out / "report.json").read_text())
+    assert len(knots) == len(report["knots"]) == 2
+    assert report["print"]["depth_ratio"] < 0.15
+    assert any("2 knots are loose" in note for note in report["notes"])
+    assert tomllib.loads((out / "scene.toml").read_text())["piece"]["depth"] == "flat"
+    assert next(c for c in report["checks"] if c["name"] == "mesh_bodies")["measured"] == 2
+    assert not list(out.glob("setup.*")) and report["print"]["drawings"] == []  # without --print
+
+
+@pytest.mark.build
+def test_two_pieces_bridged_into_one_of_a_given_depth(
+    tmp_path: Path, quick: list[str | Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The picture is light on dark, in 16 bits of grey."""
+    modelled: list[object] = []
+    monkeypatch.setattr("knotfab.hold.modeller.call_fixture", lambda *a, **_: modelled.append(a))
+    png = tmp_path / "deep.png"
+    Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
+    out = tmp_path / "out"
+    done = knotfab(
+        "build", png, *quick, "--tube-radius", "5", "--knots", "1", "--depth", "40", "--out", out
+    )
+    assert done.code == 0, done
+    (knot,) = json.loads((out / "knots.json").read_text())["knots"]
+    scene = tomllib.loads((out / "scene.toml").read_text())
+    matrix = np.array(scene["pose"]["matrix"])
+    along = np.array(knot["points"]) @ matrix[2, :3]
+    assert 30 < np.ptp(along) < 44
+    assert scene["piece"]["depth"] == 40.0 and scene["piece"]["knots"] == 1
+    # who did what: neither told nor asked is a stage left out, or a mount that is not there
+    assert not modelled
+    settings = json.loads((out / "report.json").read_text())["settings"]
+    left = {"cadquery", "matplotlib", "pyvista", "resvg-py", "knot_floer_homology"}
+    assert not left & (set(settings["parts"]) | set(settings["versions"]))
+    assert settings["parts"]["manifold3d"] == "swept the tubes"
+    assert settings["parts"]["trimesh"] == "wrote part.glb"
