@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,6 +42,18 @@ class Stiffness:
             points = np.concatenate([knot.points for knot in knots.knots])
             most = allow_sag_mm(scene.views, points, knots.radius_mm)
         return cls(material.young_modulus_mpa, material.density_g_cm3, most)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Holder:
+    """What holds a piece, and how that sags on it by a whole frame, solved again with all members.
+
+    It sags most at `sag_at`; `moves` (N, 3) tells how far each vertex of the knots moves.
+    """
+
+    sag_mm: float
+    sag_at: Array
+    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:

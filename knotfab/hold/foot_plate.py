@@ -12,7 +12,7 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import FILLET_MM
 from knotfab.geometry.tube import Mesh, as_manifold
-from knotfab.hold.beams import JOINT_RADII, Stiffness, sag_moves, worst_of
+from knotfab.hold.beams import JOINT_RADII, Holder, Stiffness, sag_moves, worst_of
 from knotfab.hold.solids import Fixture
 from knotfab.hold.struts import GROUND, Candidates, sites_of
 from knotfab.knots import Knots
@@ -46,17 +46,14 @@ class FootPlate:
     handles: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class StandingPiece:
-    """A plate, how far the piece sags on it (mm, and where), and how far each vertex moves (N, 3).
+@dataclass(frozen=True, kw_only=True)
+class StandingPiece(Holder):
+    """A piece in its plate.
 
     `hidden_aside` has for each angle of view the share of the shadow's edge that the piece hides.
     """
 
     plate: FootPlate
-    sag_mm: float
-    sag_at: Array
-    moves: Array
     hidden_aside: dict[int, float]
 
 
@@ -99,7 +96,7 @@ def plan_foot_plate(
     handles = np.bincount(knot_of, [1 - foot.genus for foot in feet], len(tubes)).astype(int)
     plate = FootPlate(outline, holes, tuple(count.tolist()), tuple(handles.tolist()))
     hidden = {angle: _hide_edge(knots, camera, to_wall, angle) for angle in ASIDE_DEG}
-    return StandingPiece(plate, sag, at, moves, hidden)
+    return StandingPiece(plate=plate, sag_mm=sag, sag_at=at, moves=moves, hidden_aside=hidden)
 
 
 def ears_mm(settings: Mount) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,7 +32,7 @@ from knotfab.hold.eyelet import (
     no_place,
     ring_bars,
 )
-from knotfab.hold.planner import plan_members
+from knotfab.hold.planner import MemberHolder, plan_members
 from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows, near_struts
 from knotfab.hold.solids import Fixture, motion_along, strut, unite
@@ -46,15 +46,7 @@ from knotfab.hold.stand import (
     list_bridges,
     masses_of,
 )
-from knotfab.hold.struts import (
-    GROUND,
-    Candidates,
-    Obstacles,
-    Sites,
-    join_members,
-    no_members,
-    sites_of,
-)
+from knotfab.hold.struts import Candidates, Obstacles, Sites, join_members, no_members, sites_of
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.holders import eyelet
@@ -71,27 +63,12 @@ _PLANS = 4
 _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add
 
 
-@dataclass(frozen=True)
-class HangMount:
-    """A hanger, in the scene.
+@dataclass(frozen=True, kw_only=True)
+class HangMount(MemberHolder):
+    """A hanger, in the scene; its posts lead to the eyelets. The piece hangs askew by `tilt_deg`."""
 
-    `members` are struts and posts, which lead to the eyelets (their `second` is `GROUND`); `holds`
-    (n,) names the knot that each was added for. `tilt_deg` is how far askew the piece hangs. Other
-    fields are as in `StandMount`.
-    """
-
-    members: Candidates
-    holds: Indices
     eyelets: tuple[Eyelet, ...]
     tilt_deg: float
-    sag_at: Array
-    sag_again_mm: float
-    predicted_intrusion: Array
-    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
-
-    @property
-    def struts(self) -> Candidates:
-        return self.members.of(self.members.second != GROUND)
 
     @property
     def threads(self) -> Array:
@@ -144,16 +121,16 @@ def plan_hang(
             found.append(work.plan(offsets))
         except SceneError:
             continue
-        if found[-1].sag_again_mm <= stiffness.max_sag_mm:
+        if found[-1].sag_mm <= stiffness.max_sag_mm:
             return found[-1]
     try:
         single = work.plan(np.zeros((1, 3)))
-        if single.sag_again_mm <= stiffness.max_sag_mm or not found:
+        if single.sag_mm <= stiffness.max_sag_mm or not found:
             return single
     except SceneError:
         if not found:
             raise
-    return min(found, key=lambda one: one.sag_again_mm)
+    return min(found, key=lambda one: one.sag_mm)
 
 
 @dataclass(frozen=True)
@@ -249,10 +226,18 @@ class _Hanger:
             moves = let_swing(knots.points, moves, threads)
             sag, at = worst_of(moves, knots.points)
             held = np.concatenate([self.holds, sites.knot[members.first[number:]]])
-            if best is None or sag < best.sag_again_mm:
+            if best is None or sag < best.sag_mm:
                 bars = join_members([members, *map(ring_bars, rings)])
-                tilt, dark_share = _tilt_deg(threads, middle), self.shadows.darken(bars)
-                best = HangMount(members, held, tuple(rings), tilt, at, sag, dark_share, moves)
+                best = HangMount(
+                    members=members,
+                    holds=held,
+                    eyelets=tuple(rings),
+                    tilt_deg=_tilt_deg(threads, middle),
+                    sag_mm=sag,
+                    sag_at=at,
+                    predicted_intrusion=self.shadows.darken(bars),
+                    moves=moves,
+                )
             if sag <= limit:
                 break
             # on its threads, by a finer frame, it sags more than the plan that is clamped says

@@ -61,7 +61,7 @@ def mount_piece(
     scene = _resolve_mount(scene, knots, cameras)
     asked, every = scene.mount, range(len(tubes))
     if asked.kind == "none":
-        return Mounted(tubes, _name_knots(len(tubes)), scene, None, None)
+        return Mounted(tubes, _name_knots(len(tubes)), scene, None)
     stiffness, clearance_mm = Stiffness.of(scene, knots), scene.piece.clearance_mm
     least_mm, ends = scene.printer.min_tube_radius_mm, scene.screen_ends
     if asked.kind in ("stand", "hang") and len(targets) != len(cameras):
@@ -72,7 +72,7 @@ def mount_piece(
         stand = plan_stand(knots, cameras, targets, clearance_mm, stiffness, settings, walls, ends)
         count = tuple(int((stand.holds == k).sum()) for k in every)
         scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
-        return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, None, stand)
+        return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, stand)
     if asked.kind == "hang":
         hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends)
         bodies, (first, *second) = hang_bodies(tubes, hang), map(tuple, hang.threads.tolist())
@@ -80,13 +80,11 @@ def mount_piece(
         places = {"thread_mm": first, "second_thread_mm": second[0] if second else None}
         scene = scene.but(mount=asked.but(pegs=count, **places))
         name = "piece with its eyelets" if second else "piece with its eyelet"
-        return Mounted(bodies, [name], scene, None, None, hang=hang)
+        return Mounted(bodies, [name], scene, None, hang)
     if asked.on_feet:
         found = plan_foot_plate(knots, tubes, cameras[0], stiffness, asked)
-        sag, at, moves, plate = found.sag_mm, found.sag_at, found.moves, found.plate
-        aside = found.hidden_aside
-        mount = WallMount((), sag, at, sag, asked, moves=moves, plate=plate, hidden_aside=aside)
-        count = plate.handles
+        mount = WallMount(pegs=(), settings=asked, **vars(found))
+        count = found.plate.handles
     else:
         how = clearance_mm, stiffness, asked, targets[0] if targets else None
         mount = plan_wall(knots, cameras[0], *how, thoroughly=thoroughly)
@@ -139,14 +137,19 @@ class Mounted:
     names: list[str]
     scene: SettledScene
     upright: Array | None
-    wall: WallMount | None
-    stand: StandMount | None = None
-    hang: HangMount | None = None
+    holder: WallMount | StandMount | HangMount | None = None
 
     @property
-    def holder(self) -> WallMount | StandMount | HangMount | None:
-        """The mount that holds the piece, if any."""
-        return self.wall or self.stand or self.hang
+    def wall(self) -> WallMount | None:
+        return self.holder if isinstance(self.holder, WallMount) else None
+
+    @property
+    def stand(self) -> StandMount | None:
+        return self.holder if isinstance(self.holder, StandMount) else None
+
+    @property
+    def hang(self) -> HangMount | None:
+        return self.holder if isinstance(self.holder, HangMount) else None
 
     @cached_property
     def solids(self) -> list[Manifold]:
@@ -307,7 +310,7 @@ class Mounted:
         mount, asked = self.holder, self.scene.mount
         if mount is None:
             return MountFigures(kind="none")
-        own: dict[str, Any] = {"sag_mm": mount.sag_again_mm, "max_sag_mm": asked.max_sag_mm}
+        own: dict[str, Any] = {"sag_mm": mount.sag_mm, "max_sag_mm": asked.max_sag_mm}
         if isinstance(mount, WallMount) and mount.plate is not None:
             kind, feet = mount.settings.plate, mount.plate.feet
             return MountFigures(kind="wall", foot="plate", plate=kind, feet_of_knots=feet, **own)
@@ -358,7 +361,7 @@ class Mounted:
         mount = self.holder
         if mount is None:
             return None
-        sag, limit = mount.sag_again_mm, self.scene.mount.max_sag_mm
+        sag, limit = mount.sag_mm, self.scene.mount.max_sag_mm
         assert limit is not None  # since it has a mount
         x, y, z = mount.sag_at
         if isinstance(mount, WallMount) and mount.plate is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
-from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, springs_of
+from knotfab.hold.beams import HeldFrame, Holder, Stiffness, piece_frame, springs_of
 from knotfab.hold.shade import MountShadows
 from knotfab.hold.struts import GROUND, Candidates, Sites, Way, join_members
 from knotfab.knots import Knots
@@ -17,6 +17,27 @@ THICKER = 1.15  # factor of a visible member's radius when it is thickened
 MOST_SHARE = 0.95  # a member's largest radius over the tube's
 SEEN_SHARE = 1e-5  # a share of the frame: a member that darkens more shows
 MOST = 100  # members that are added
+
+
+@dataclass(frozen=True, kw_only=True)
+class MemberHolder(Holder):
+    """What holds a piece by members.
+
+    `holds` (n,) names the knot that each member was added for; posts lead to the ground, their `second`.
+    `predicted_intrusion` (views,) is the share of each frame that is darkened outside picture and knots.
+    """
+
+    members: Candidates
+    holds: Indices
+    predicted_intrusion: Array
+
+    @property
+    def posts(self) -> Candidates:
+        return self.members.of(self.members.second == GROUND)
+
+    @property
+    def struts(self) -> Candidates:
+        return self.members.of(self.members.second != GROUND)
 
 
 @dataclass(frozen=True)

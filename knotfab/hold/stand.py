@@ -6,14 +6,14 @@ Matter behind what is dark in every view, or below every view's frame, changes n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.hold.beams import Stiffness, sag_moves, worst_of
-from knotfab.hold.planner import plan_members
+from knotfab.hold.planner import MemberHolder, plan_members
 from knotfab.hold.plinth import (
     CHAMFER_MM,
     CORNER_MM,
@@ -65,33 +65,11 @@ class StandSettings:
     min_radius_mm: float
 
 
-@dataclass(frozen=True)
-class StandMount:
-    """A stand, in the scene.
+@dataclass(frozen=True, kw_only=True)
+class StandMount(MemberHolder):
+    """A stand, in the scene; its posts end on the base."""
 
-    `members` are posts (their `second` is `GROUND`, their `end` on the base) and struts; `holds`
-    (n,) names the knot that each was added for. `sag_mm` (at `sag_at`) is by the model that chose
-    the members, `sag_again_mm` by a finer one, with `moves` (N, 3) of all vertices.
-    `predicted_intrusion` (views,) is the share of each frame that the stand darkens outside picture
-    and knots.
-    """
-
-    members: Candidates
-    holds: Indices
     base: Base
-    sag_mm: float
-    sag_at: Array
-    sag_again_mm: float
-    predicted_intrusion: Array
-    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
-
-    @property
-    def posts(self) -> Candidates:
-        return self.members.of(self.members.second == GROUND)
-
-    @property
-    def struts(self) -> Candidates:
-        return self.members.of(self.members.second != GROUND)
 
 
 def plan_stand(
@@ -162,14 +140,13 @@ def plan_stand(
     )
     moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
     return StandMount(
-        members,
-        np.concatenate([holds, sites.knot[members.first[len(chosen) :]]]),
-        base,
-        braced.sag_mm,
-        braced.sag_at,
-        worst_of(moves, knots.points)[0],
-        shadows.darken(members),
-        moves,
+        members=members,
+        holds=np.concatenate([holds, sites.knot[members.first[len(chosen) :]]]),
+        base=base,
+        sag_mm=worst_of(moves, knots.points)[0],
+        sag_at=braced.sag_at,
+        predicted_intrusion=shadows.darken(members),
+        moves=moves,
     )
 
 

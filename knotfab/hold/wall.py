@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh, as_manifold
-from knotfab.hold.beams import Stiffness, sag_moves, worst_of
+from knotfab.hold.beams import Holder, Stiffness, sag_moves, worst_of
 from knotfab.hold.foot_plate import FootPlate, foot_plate_fixture
 from knotfab.hold.pegs import Pegs, choose_pegs, hidden_braces, pegs_on, sites_with, tie_to_held
 from knotfab.hold.shade import MountShadows, Rays, free_rays
@@ -79,24 +79,18 @@ class Peg:
         return 0.5 * (self.drill_mm - PLAY_MM)
 
 
-@dataclass(frozen=True)
-class WallMount:
-    """Pegs (leaning ones last), struts between strands, and the sag on them (mm, and where).
+@dataclass(frozen=True, kw_only=True)
+class WallMount(Holder):
+    """Pegs (leaning ones last), and struts between strands.
 
-    `sag_mm` is by the model that chose the pegs, `sag_again_mm` by a whole frame with all members,
-    solved again; `sag_at` is where that is largest, `moves` (N, 3) how far each vertex of the knots
-    moves. `strut_knots` (n, 2) are the knots that each strut joins, often one and the same. On a
+    `strut_knots` (n, 2) are the knots that each strut joins, often one and the same. On a
     `plate` in which the piece stands by its own valleys there are neither pegs nor struts.
     """
 
     pegs: tuple[Peg, ...]
-    sag_mm: float
-    sag_at: Array
-    sag_again_mm: float
     settings: Mount
     struts: Candidates = field(default_factory=no_members)
     strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
-    moves: Array = field(default_factory=lambda: np.empty((0, 3)))
     plate: FootPlate | None = None
     hidden_aside: dict[int, float] = field(default_factory=dict)
 
@@ -143,13 +137,13 @@ def plan_wall(
             )
         except ValueError as error:  # a thinner one has no room either
             raise NotHeldError("the wall mount", str(error), remedy) from error
-        if best is None or found.sag_again_mm < best.sag_again_mm:
+        if best is None or found.sag_mm < best.sag_mm:
             best = found
-        if not stiffness.max_sag_mm < best.sag_again_mm <= HOPELESS * stiffness.max_sag_mm:
+        if not stiffness.max_sag_mm < best.sag_mm <= HOPELESS * stiffness.max_sag_mm:
             break
     assert best is not None
-    if not thoroughly and best.sag_again_mm > stiffness.max_sag_mm:
-        sag, limit = best.sag_again_mm, stiffness.max_sag_mm
+    if not thoroughly and best.sag_mm > stiffness.max_sag_mm:
+        sag, limit = best.sag_mm, stiffness.max_sag_mm
         why = f"it sags by {sag:.2f} mm on its pegs ({limit:g} allowed)"
         raise NotHeldError("the wall mount", why, remedy)
     return best
@@ -184,16 +178,24 @@ def _plan_with_share(
         ties = tie_to_held(knots, sites, obstacles, shadows, chosen.barred)
         bare = join_members([bare, ties])
     moves = sag_moves(knots, sites, bare, stiffness)
-    again, at = worst_of(moves, knots.points)
+    sag, at = worst_of(moves, knots.points)
     joined = _joined_knots(sites, ties)
-    mount = WallMount(pegs, chosen.sag_mm, at, again, settings, ties, joined, moves)
-    hopeless = not thoroughly and again > HOPELESS * stiffness.max_sag_mm
-    if again <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
+    mount = WallMount(
+        pegs=pegs,
+        settings=settings,
+        struts=ties,
+        strut_knots=joined,
+        sag_mm=sag,
+        sag_at=at,
+        moves=moves,
+    )
+    hopeless = not thoroughly and sag > HOPELESS * stiffness.max_sag_mm
+    if sag <= stiffness.max_sag_mm or settings.foot != "plate" or hopeless:
         return mount
     shadows = MountShadows(knots, (camera,), (target,))
     braces = hidden_braces(knots, camera, stiffness, sites, obstacles, shadows, bare)
     moves = sag_moves(knots, sites, join_members([bare, braces]), stiffness)
-    again, at = worst_of(moves, knots.points)
+    sag, at = worst_of(moves, knots.points)
     leans = braces.second == GROUND
     lean = braces.of(leans)
     leaning = tuple(
@@ -205,7 +207,7 @@ def _plan_with_share(
         mount,
         pegs=(*pegs, *leaning),
         sag_at=at,
-        sag_again_mm=again,
+        sag_mm=sag,
         struts=struts,
         strut_knots=_joined_knots(sites, struts),
         moves=moves,

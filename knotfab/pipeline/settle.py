@@ -37,7 +37,7 @@ class _Settled:
     def over_mm(self) -> float:
         """By how much its sag on the pegs exceeds the limit."""
         wall, most = self.part.mounted.wall, self.part.mounted.scene.mount.max_sag_mm
-        return 0.0 if wall is None or most is None else max(wall.sag_again_mm - most, 0.0)
+        return 0.0 if wall is None or most is None else max(wall.sag_mm - most, 0.0)
 
 
 def settle_part(

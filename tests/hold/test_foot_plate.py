@@ -70,7 +70,7 @@ def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(
     assert found.plate.holes[0, 1] == found.plate.holes[1, 1]  # on a level line
     # what the scene tells the validators
     assert Mount(pegs=found.plate.handles).pegs == tuple(n if n > 1 else 0 for n in feet)
-    mount = WallMount((), 0.0, np.zeros(3), 0.0, asked, plate=found.plate)
+    mount = WallMount(pegs=(), settings=asked, **vars(found))
     (body,) = wall_bodies(
         tubes, mount, CAMERA
     )  # raises where the genus is not that of feet and holes

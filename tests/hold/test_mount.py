@@ -43,7 +43,7 @@ def test_more_sag_than_allowed_fails_and_says_what_would_help() -> None:
     assert "max_sag_mm" not in good.detail and mounted.wall is not None
     most = mounted.scene.mount.max_sag_mm
     assert most == good.limit == pytest.approx(allow_sag_mm(scene.views, ONE.points, RADIUS))
-    bad = replace(mounted, wall=replace(mounted.wall, sag_again_mm=0.914)).check_sag()
+    bad = replace(mounted, holder=replace(mounted.wall, sag_mm=0.914)).check_sag()
     assert bad is not None and (bad.status, bad.measured) == ("fail", 0.914)
     assert "set mount.max_sag_mm to 0.92" in bad.detail
     told = resolve(Scene(views=(VIEW,), mount=Mount(kind="wall", max_sag_mm=0.3)))
@@ -87,7 +87,7 @@ def test_the_piece_on_its_stand() -> None:
     assert report.kind == "stand" and (report.posts or 0) + (report.struts or 0) == len(
         stand.members
     )
-    assert sag is not None and sag.status == "pass" and sag.measured == stand.sag_again_mm
+    assert sag is not None and sag.status == "pass" and sag.measured == stand.sag_mm
     with pytest.raises(ValueError, match="silhouettes"):
         mount_piece(scene, ONE, tubes, [camera()])
 

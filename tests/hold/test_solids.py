@@ -74,7 +74,7 @@ def verify(vertices: np.ndarray, faces: np.ndarray, number: int) -> VerifiedView
 def test_a_stand_holds_and_darkens_as_predicted_in_every_view() -> None:
     mount = plan()
     assert set(mount.holds) == {0} and len(mount.posts) >= 3
-    assert 0 < mount.sag_again_mm <= PLA.max_sag_mm and mount.base.tip_deg >= 10.0 - 1e-2
+    assert 0 < mount.sag_mm <= PLA.max_sag_mm and mount.base.tip_deg >= 10.0 - 1e-2
     assert mount.predicted_intrusion.shape == (2,)
     for number, predicted in enumerate(mount.predicted_intrusion):
         measured = verify(*part(), number).intrusion

@@ -51,11 +51,11 @@ def test_it_holds_every_knot_and_lets_nothing_sag(island: bool) -> None:
     mount, own = plan(island), ISLAND if island else ONE
     assert set(mount.holds) == set(range(len(own.knots)))
     assert len(mount.holds) == len(mount.members) == len(mount.posts) + len(mount.struts)
-    assert 0 < mount.sag_mm <= PLA.max_sag_mm and 0 < mount.sag_again_mm <= PLA.max_sag_mm
-    assert mount.sag_again_mm == pytest.approx(mount.sag_mm, rel=0.1)
-    assert len(mount.posts) >= 3
-    # a frame that joins the knots to the ground does not do
+    assert 0 < mount.sag_mm <= PLA.max_sag_mm and len(mount.posts) >= 3
     sites = sites_of(own)
+    coarse = worst_of(sag_moves(own, sites, mount.members, PLA), own.points)[0]
+    assert mount.sag_mm == pytest.approx(coarse, rel=0.1)
+    # a frame that joins the knots to the ground does not do
     first = mount.members.of(np.arange(len(mount.members)) < len(own.knots))
     assert worst_of(sag_moves(own, sites, first, PLA), own.points)[0] > PLA.max_sag_mm
 

@@ -67,7 +67,7 @@ def posed(shrinkage: float, room: float = 250.0) -> Part:
         "printer": Printer(build_volume_mm=(room, room, room)),
     }
     scene = resolve(Scene(**keys))
-    mounted: Any = Mounted(tubes, ["knot 1", "knot 2"], scene, None, None)
+    mounted: Any = Mounted(tubes, ["knot 1", "knot 2"], scene, None)
     made: Any = SimpleNamespace(scene=scene, knots=own)
     mounted, pose, plates = _choose_poses(made, mounted, True, [CAMERA], [MASK])
     return Part(list(pose.tubes), pose, mounted, plates)
@@ -212,7 +212,7 @@ def rings(count: int) -> Any:
     return SimpleNamespace(
         bodies=[sweep(knot.points, 2.0, 12) for knot in knots],
         pose=SimpleNamespace(knots=Knots(knots, 2.0), matrix=np.eye(4)),
-        mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None, None),
+        mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None),
         plates=None,
         framing=(None, ""),
         standing=None,

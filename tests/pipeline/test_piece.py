@@ -11,7 +11,7 @@ import ezdxf
 import numpy as np
 import pytest
 from command import picture
-from pieces import one, setup
+from pieces import SAG, one, setup
 from scipy.spatial import cKDTree
 from shapely.geometry import LinearRing, MultiPoint, Polygon
 from svgelements import SVG, Group
@@ -55,12 +55,19 @@ def made_by_hand(kind: str, also: set[str], out: Path, **view: float) -> Made:
     if mounted.stand is not None:
         post = one([0, -50, 0], [1, -57, 3], 1.5, ground=True)
         stand = replace(mounted.stand, members=join_members([post, bar]))
-        mounted = replace(mounted, stand=stand)
+        mounted = replace(mounted, holder=stand)
     if kind == "hang":
         eyelet = Eyelet(np.array([0.0, 60.0, 3.0]), np.array([0.6, 0.0, 0.8]), 6.0, 1.5)
         none = np.empty(0, dtype=np.int64)
-        hang = HangMount(bar, none, (eyelet,), 0.0, np.zeros(3), 0.1, np.zeros(1))
-        mounted = replace(mounted, hang=hang)
+        hang = HangMount(
+            members=bar,
+            holds=none,
+            eyelets=(eyelet,),
+            tilt_deg=0.0,
+            predicted_intrusion=np.zeros(1),
+            **SAG,
+        )
+        mounted = replace(mounted, holder=hang)
     t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([50 * np.cos(t), 50 * np.sin(t), 5 * np.sin(2 * t)], axis=1)
     knots = Knots((Knot(ring), Knot(0.4 * ring)), 2.0)

@@ -76,7 +76,7 @@ class Maker:
             raise NotHeldError("the wall mount", MESSAGE, "")
         sag = self.sags[made.number] if thoroughly and self.sags else 0.2
         limit = SimpleNamespace(mount=SimpleNamespace(max_sag_mm=0.2))
-        mounted = SimpleNamespace(wall=SimpleNamespace(sag_again_mm=sag), scene=limit)
+        mounted = SimpleNamespace(wall=SimpleNamespace(sag_mm=sag), scene=limit)
         return SimpleNamespace(pose=SimpleNamespace(account=None), mounted=mounted)
 
 

@@ -145,16 +145,19 @@ def test_a_resolved_scene_is_written_whole_and_stays_resolved() -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "frame"),
+    ("keys", "shape", "frame"),
     [
-        ("", (135.0, 180.0)),
-        ("frame_width_mm = 60", (60.0, 80.0)),
-        ("frame_height_mm = 60", (45.0, 60.0)),
-        ("frame_width_mm = 50\nframe_height_mm = 60", (50.0, 60.0)),
+        ("", (400, 300), (135.0, 180.0)),
+        ("", (60, 600), (180.0, 18.0)),
+        ("frame_width_mm = 60", (400, 300), (60.0, 80.0)),
+        ("frame_height_mm = 60", (400, 300), (45.0, 60.0)),
+        ("frame_width_mm = 50\nframe_height_mm = 60", (400, 300), (50.0, 60.0)),
     ],
 )
-def test_frames_follow_the_picture(keys: str, frame: tuple[float, float]) -> None:
-    target = Target("tall", np.ones((400, 300), dtype=bool), b"", 300, 400, ".png")
+def test_frames_follow_the_picture(
+    keys: str, shape: tuple[int, int], frame: tuple[float, float]
+) -> None:
+    target = Target("cat", np.ones(shape, dtype=bool), b"", shape[1], shape[0], ".png")
     view = frame_view(parse_scene(f"[[views]]\n{keys}").views[0], target)
     assert view.frame_mm == pytest.approx(frame)
     assert view.longer_mm == pytest.approx(max(frame))

@@ -49,6 +49,7 @@ def one(start: object, end: object, radius: float, ground: bool = False) -> Cand
     return Candidates(np.array([0]), np.array([second]), *ends, np.array([radius]))
 
 
+SAG: dict[str, Any] = {"sag_mm": 0.1, "sag_at": np.zeros(3)}
 Kind = Literal["none", "plate", "dowel", "stand"]
 OFF = Misplacement(
     parting_px=2.0,
@@ -74,12 +75,14 @@ def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, S
     mount = Mount(kind="wall" if kind in ("plate", "dowel") else kind)
     scene = Scene(views=(seen,), mount=mount)
     if kind == "none":
-        return Mounted(bodies, ["knot 1"], scene, None, None), scene, camera
+        return Mounted(bodies, ["knot 1"], scene, None), scene, camera
     if kind == "stand":
         base = Base(slope_below([camera]), -30.0, 32.0, -20.0, 25.0, -75.0, 9.0, 20.0, 15.0)
         none = np.empty(0, dtype=np.int64)
-        stand = StandMount(no_members(), none, base, 0.1, np.zeros(3), 0.1, np.zeros(1))
-        return Mounted(bodies, ["piece"], scene, None, None, stand), scene, camera
+        stand = StandMount(
+            members=no_members(), holds=none, base=base, predicted_intrusion=np.zeros(1), **SAG
+        )
+        return Mounted(bodies, ["piece"], scene, None, stand), scene, camera
     normal = camera.receiver[:3]
     pegs = []
     for number, angle in enumerate((0.3, 2.0, 4.5)):
@@ -88,7 +91,7 @@ def setup(kind: Kind, margin_mm: float = 8.0, **view: float) -> tuple[Mounted, S
         reach = -float(camera.receiver @ np.append(top, 1.0)) / float(normal @ ray)
         pegs.append(Peg(0, top, top + reach * ray, 1.0, 1.2 + 0.1 * number, 1.6))
     settings = Mount(foot=kind, plate_margin_mm=margin_mm)
-    wall = WallMount(tuple(pegs), 0.1, np.zeros(3), 0.1, settings)
+    wall = WallMount(pegs=tuple(pegs), settings=settings, **SAG)
     return Mounted(bodies, ["piece"], scene, np.eye(3), wall), scene, camera
 
 

@@ -12,8 +12,14 @@ from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, skip_check, spot
 from knotfab_validators.geometry.curves import Curves, Member, cut_edges, point_segment
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect, winding_numbers
-from knotfab_validators.tube.plate import check_plate, inside_plate, list_feet
-from knotfab_validators.tube.solid_matter import Solid, clip, find_hollow
+from knotfab_validators.tube.solid_matter import (
+    Solid,
+    check_plate,
+    clip,
+    find_hollow,
+    inside_plate,
+    list_feet,
+)
 from knotfab_validators.tube.tube_fit import LIMIT
 
 NAME = "mount"
