@@ -6,19 +6,17 @@ import json
 import re
 import shutil
 import tomllib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from command import Done, knotfab, small_disk
+from command import Done, knotfab
 from numpy.typing import NDArray
 from PIL import Image
 
 import knotfab.design.design as designing
-import knotfab.pipeline.piece as piece
 from knotfab.design.design import Design
 from knotfab.report.summary import CHECKS
 from knotfab_formats.search import PRESETS
@@ -388,39 +386,3 @@ def test_a_verifier_that_crashes_leaves_nothing(
     assert done.err.count("knotfab: ") == 1
     assert "SIGSEGV" in done.err and "--skip shadow-render" in done.err
     assert [p.name for p in tmp_path.iterdir()] == ["python"]
-
-
-@pytest.fixture
-def disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 12 MiB that holds one file."""
-    with small_disk(tmp_path / "disk", "12m") as place:
-        (place / "part.stl").write_text("earlier")
-        yield place
-
-
-def fill_up(folder: Path) -> None:
-    with (folder / "ballast").open("wb", buffering=0) as file, pytest.raises(OSError):
-        while True:
-            file.write(b"\0" * 4096)
-
-
-@pytest.mark.parametrize("moment", ["before the part", "before the verification"])
-def test_a_disk_that_fills_up(
-    designed: list[str], disk: Path, monkeypatch: pytest.MonkeyPatch, moment: str
-) -> None:
-    original = piece.write_part
-
-    def write(*arguments: Any) -> None:
-        if moment == "before the verification":
-            original(*arguments)
-        fill_up(disk)
-        if moment == "before the part":
-            original(*arguments)
-
-    monkeypatch.setattr(piece, "write_part", write)
-    done = knotfab(*designed, "--out", disk)
-    assert done.code == 3 and "Traceback" not in done.err
-    assert done.err.splitlines()[-1].startswith("knotfab: ") and done.err.count("knotfab: ") == 1
-    assert "the disk is full" in done.err and "Free some space" in done.err
-    assert sorted(p.name for p in disk.iterdir()) == ["ballast", "part.stl"]
-    assert (disk / "part.stl").read_text() == "earlier"
