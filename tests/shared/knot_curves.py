@@ -9,7 +9,7 @@ from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.knots.knot_types import knot_types
 from knotfab_validators.knots.planar_diagram import Laurent, PlanarDiagram
 from knotfab_validators.knots.projection import diagram_of
-from knotfab_validators.knots.reduction import general_position
+from knotfab_validators.knots.reduction import general_position, may_pierce
 
 
 def curves(*polygons: Array, types: tuple[str, ...] | None = None) -> Curves:
@@ -93,6 +93,51 @@ def zigzag(points: Array, times: int, seed: int, size: float = 0.02) -> Array:
     after = np.roll(points, -1, axis=0)
     cut = (points[:, None] + s * (after - points)[:, None]).reshape(-1, 3)
     return np.asarray(cut + np.random.default_rng(seed).uniform(-size, size, cut.shape))
+
+
+def filling(n: int, seed: int, rows: int = 24) -> Array:
+    """A comb that fills a square: simple from above, at a random smooth depth; so an unknot."""
+    rng = np.random.default_rng(seed)
+    corners = [(0.0, 0.0)]
+    for k in range(rows):
+        corners += [(8.0, k * 4.0), (100.0, k * 4.0)][:: 1 if k % 2 == 0 else -1]
+    corners += [(0.0, corners[-1][1]), (0.0, 0.0)]
+    path = np.array(corners)
+    length = np.concatenate([[0], np.linalg.norm(np.diff(path, axis=0), axis=1).cumsum()])
+    s = np.linspace(0, length[-1], n, endpoint=False)
+    angle = 2 * np.pi * s / length[-1]
+    waves = [rng.normal() * np.cos(k * angle + rng.uniform(0, 7)) for k in range(1, 60)]
+    depth = np.sum(waves, axis=0)
+    flat = [np.interp(s, length, path[:, 0]), np.interp(s, length, path[:, 1])]
+    return np.column_stack([*flat, 30 * depth / depth.std()])
+
+
+def seen_from_a_lamp(points: Array, distance: float = 150.0) -> Array:
+    """A projective map of space, so that the curve is simple from one point and from no side."""
+    return np.column_stack([points[:, :2] * (1 - points[:, 2:] / distance), points[:, 2]])
+
+
+def coil(*back: tuple[float, float, float]) -> Array:
+    """A coil about the z axis that is closed by way of the points of `back`."""
+    s = np.linspace(0, 1, 400)
+    turns = 2 * np.pi * 12 * s
+    return np.concatenate([np.column_stack([np.cos(turns), np.sin(turns), 10 * s]), back])
+
+
+def move_randomly(polygon: Array, rounds: int, seed: int) -> Array:
+    """A random walk of triangle moves: vertices swept to far places where no edge is in the way."""
+    rng = np.random.default_rng(seed)
+    at = polygon.copy()
+    n = len(at)
+    for i in np.concatenate([rng.permutation(n) for _ in range(rounds)]):
+        a, b, c = at[i - 1], at[i], at[(i + 1) % n]
+        target = b + rng.normal(0, 0.7, 3)
+        others = np.flatnonzero((np.arange(n) != i) & (np.arange(n) != (i - 1) % n))
+        p, q = at[others], at[(others + 1) % n]
+        corners = [[np.broadcast_to(x, p.shape) for x in (end, b, target)] for end in (a, c)]
+        if not any(may_pierce(u, v, w, p, q).any() for u, v, w in corners):
+            at[i] = target
+    return at
 
 
 def random_markov(word: Sequence[int], moves: int, seed: int) -> list[int]:

@@ -15,12 +15,16 @@ from knot_curves import (
     Array,
     borromean,
     braid,
+    coil,
     curves,
     figure_eight,
+    filling,
     mirror,
+    move_randomly,
     random_markov,
     ring,
     rotate,
+    seen_from_a_lamp,
     torus_knot,
     zigzag,
 )
@@ -39,7 +43,7 @@ from knotfab_validators.knots.names import (
     known_knot,
     prime_names,
 )
-from knotfab_validators.knots.reduction import general_position, may_pierce, reduce_polygons
+from knotfab_validators.knots.reduction import general_position, reduce_polygons
 from knotfab_validators.validate import validate
 
 SMALL = [name for name in prime_names() if int(name.split("_")[0]) <= 8]
@@ -67,52 +71,7 @@ def polygon_of(shape: Shape) -> Array:
     return braid(braid_word(shape) if isinstance(shape, str) else shape)[0]
 
 
-def filling(n: int, seed: int, rows: int = 24) -> Array:
-    """A comb that fills a square: simple from above, at a random smooth depth; so an unknot."""
-    rng = np.random.default_rng(seed)
-    corners = [(0.0, 0.0)]
-    for k in range(rows):
-        corners += [(8.0, k * 4.0), (100.0, k * 4.0)][:: 1 if k % 2 == 0 else -1]
-    corners += [(0.0, corners[-1][1]), (0.0, 0.0)]
-    path = np.array(corners)
-    length = np.concatenate([[0], np.linalg.norm(np.diff(path, axis=0), axis=1).cumsum()])
-    s = np.linspace(0, length[-1], n, endpoint=False)
-    angle = 2 * np.pi * s / length[-1]
-    waves = [rng.normal() * np.cos(k * angle + rng.uniform(0, 7)) for k in range(1, 60)]
-    depth = np.sum(waves, axis=0)
-    flat = [np.interp(s, length, path[:, 0]), np.interp(s, length, path[:, 1])]
-    return np.column_stack([*flat, 30 * depth / depth.std()])
-
-
-def seen_from_a_lamp(points: Array, distance: float = 150.0) -> Array:
-    """A projective map of space, so that the curve is simple from one point and from no side."""
-    return np.column_stack([points[:, :2] * (1 - points[:, 2:] / distance), points[:, 2]])
-
-
 # --- proofs ---------------------------------------------------------------------------------
-
-
-def coil(*back: tuple[float, float, float]) -> Array:
-    """A coil about the z axis that is closed by way of the points of `back`."""
-    s = np.linspace(0, 1, 400)
-    turns = 2 * np.pi * 12 * s
-    return np.concatenate([np.column_stack([np.cos(turns), np.sin(turns), 10 * s]), back])
-
-
-def move_randomly(polygon: Array, rounds: int, seed: int) -> Array:
-    """A random walk of triangle moves: vertices swept to far places where no edge is in the way."""
-    rng = np.random.default_rng(seed)
-    at = polygon.copy()
-    n = len(at)
-    for i in np.concatenate([rng.permutation(n) for _ in range(rounds)]):
-        a, b, c = at[i - 1], at[i], at[(i + 1) % n]
-        target = b + rng.normal(0, 0.7, 3)
-        others = np.flatnonzero((np.arange(n) != i) & (np.arange(n) != (i - 1) % n))
-        p, q = at[others], at[(others + 1) % n]
-        corners = [[np.broadcast_to(x, p.shape) for x in (end, b, target)] for end in (a, c)]
-        if not any(may_pierce(u, v, w, p, q).any() for u, v, w in corners):
-            at[i] = target
-    return at
 
 
 UNKNOTS: list[Shape] = [
@@ -144,9 +103,6 @@ def test_the_reduction_alone_suffices_where_a_projection_would() -> None:
     assert reduce_polygons([filling(1500, 7)]).vertices == 0
 
 
-# --- promises that must be refuted ----------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_rejects_a_small_trefoil_tied_into_a_big_tangle(seed: int) -> None:
@@ -164,9 +120,6 @@ def test_rejects_a_small_trefoil_tied_into_a_big_tangle(seed: int) -> None:
     assert near < 1e-3
     assert check_knot_type(curves(rotate(tied, seed), types=("3_1",))).status == "pass"
     assert check_knot_type(curves(rotate(tangle, seed))).status == "pass"
-
-
-# --- what a knot is --------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -441,9 +394,3 @@ def test_without_floer_homology_names_stay_consistent(monkeypatch: pytest.Monkey
     assert "no Floer homology" in found.detail
     large = found_of(torus_knot(2, 13, 600), "T(2,13)")
     assert large.measured == "T(2,13), consistent"
-
-
-def test_known_sums_have_names() -> None:
-    factors = (Factor(3, 1, -1), Factor(4, 1, 0), Factor(5, 2, 1))
-    assert known_knot(factors).name == "m3_1#4_1#5_2"
-    assert known_knot(factors).mirror().name == "3_1#4_1#m5_2"

@@ -231,3 +231,9 @@ def test_candidates() -> None:
     assert [knot.name for knot in candidates(eight.invariants)] == ["right-handed 8_20"]
     nine = invariants(closed_braid([1] * 9 + [-2] * 3))
     assert [knot.name for knot in candidates(nine)] == ["m3_1#9_1"]
+
+
+def test_known_sums_have_names() -> None:
+    factors = (Factor(3, 1, -1), Factor(4, 1, 0), Factor(5, 2, 1))
+    assert known_knot(factors).name == "m3_1#4_1#5_2"
+    assert known_knot(factors).mirror().name == "3_1#4_1#m5_2"
