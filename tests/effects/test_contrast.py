@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from oracles import bounce_and_truth, shift_bound_and_truth
 from questions import design_under, view
 from reports import verdict_of, view_of_report
 
@@ -33,8 +34,6 @@ from knotfab_formats.verdict import Contrast, Sag
 from knotfab_formats.views import Room
 from knotfab_validators.shadows.tube_field import tube_field
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
-from tests.oracles.lighting import bounce_and_truth
-from tests.oracles.parting import shift_bound_and_truth
 
 WHITE = Material(color="#ffffff")
 POINTS = np.random.default_rng(0).uniform(-50, 50, (400, 3))

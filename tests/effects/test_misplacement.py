@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from oracles import bounds_and_truths, cast, turn_about
 from shapely import MultiPolygon, box
 
 from knotfab.effects.base import Decision, EffectContext, Shadows, World
@@ -12,7 +13,6 @@ from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.piece import Material, Mount
 from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.views import Placing, View
-from tests.oracles.parting import bounds_and_truths, cast, turn_about
 
 VIEW = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0)
 

@@ -1,4 +1,4 @@
-"""Slow, plain truth: gradients against central differences, and every pixel against every capsule."""
+"""Truth by brute force: central differences, every pixel against every capsule, lamps and light moved."""
 
 from __future__ import annotations
 
@@ -7,14 +7,23 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.base.arrays import Array
+from knotfab.effects.base import EffectContext, OnWall, Shadows, World
+from knotfab.effects.contrast import contrast_of
+from knotfab.effects.misplacement import parting_mm
+from knotfab.effects.shifts import LAYERS, SAG, WALL
 from knotfab.geometry.measures import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Felt, State
 from knotfab.render.capsules import BEHIND, capsule_distance, cut_before_light
 from knotfab.render.silhouette import Frame
+from knotfab.scene.camera import Camera, camera_of, view_axes
+from knotfab_formats.piece import Material, Printer
+from knotfab_formats.scene import ResolvedView
+from knotfab_formats.views import Placing, Room
 
 
 def state_at(points: Array, reach: float = 12.0) -> State:
@@ -61,3 +70,267 @@ def render_dense(
         s = torch.where(seen, s, BEHIND)
         image.append(torch.sigmoid(tau * s.max(dim=1).values.clamp_min(BEHIND)))
     return torch.cat(image).reshape(frame.height, frame.width)
+
+
+_RAYS = 6000  # from a place on the wall
+_FEW = 400
+_POINTS = 400  # points of a curve
+_FEET = 60  # places behind strands that are looked at with few rays
+_WORST = 4  # the worst of these, with all
+_GRID = 301  # places across and up a frame
+
+
+def uneven_and_truth(rng: np.random.Generator) -> tuple[float, float]:
+    """What is missing of even light in a random scene, as it is claimed, and on a dense grid of places."""
+    view, points, radius, camera = random_scene(rng)
+    shape = ("disc", "ball")[rng.integers(2)]
+    view = view.model_copy(update={"light_shape": shape})
+    found = contrast_of(Shadows.of(view, points), radius, World())
+    assert found is not None
+    camera = camera.resized(_GRID, _GRID)
+    u, v = np.meshgrid(np.arange(_GRID), np.arange(_GRID))
+    at = camera.corner + u[..., None] * camera.du + v[..., None] * camera.dv
+    ray = camera.eye - at
+    far = np.linalg.norm(ray, axis=-1)
+    light = (ray @ camera.receiver[:3]) / far**3
+    if shape == "disc":
+        light = light * (ray @ view_axes(view)[2]) / far
+    return 1 - found.falloff, float(1 - light.min() / light.max())
+
+
+def bounce_and_truth(rng: np.random.Generator) -> tuple[float, float]:
+    """What white strands throw back onto their own shadow, as it is claimed, and by rays from the wall."""
+    view, _, radius, _ = random_scene(rng)
+    harmonics = np.arange(1, 5)[:, None] * 2 * np.pi * np.arange(_POINTS) / _POINTS
+    phases, sizes = rng.uniform(0, 2 * np.pi, (3, 4)), rng.normal(size=(3, 4))
+    waves = np.cos(harmonics + phases[:, :, None])  # a closed curve as even as a search has it
+    points = (sizes[:, :, None] * waves).sum(axis=1).T
+    room = min(0.3 * view.light_distance_mm, 0.5 * view.wall_distance_mm)
+    points *= np.array([60, 60, 0.5 * room]) / np.abs(points).max(axis=0)
+    wall = OnWall.of(view)
+    while wall.place(points)[:, 2].min() < 2 * radius:
+        points *= 0.9
+    world = World(room=Room(reflectance=0.5), material=Material(color="#ffffff"))
+    found = contrast_of(Shadows.of(view, points), radius, world)
+    assert found is not None
+    start = wall.place(points)
+    along = np.roll(start, -1, axis=0) - start
+    # places lie all across the shadow of a strand
+    behind = start[:: _POINTS // _FEET] + radius * directions(_POINTS)[:: _POINTS // _FEET]
+    feet = np.column_stack([wall.cast(behind), np.zeros(len(behind))])
+    filled = [_filled(foot, _FEW, start, along, radius) for foot in feet]
+    worst = feet[np.argsort(filled)[-_WORST:]]
+    return found.bounced, 0.5 * max(_filled(foot, _RAYS, start, along, radius) for foot in worst)
+
+
+def _filled(foot: Array, count: int, start: Array, along: Array, radius: float) -> float:
+    """What strands fill of the light from the sky at a place, by rays to where they are in it.
+
+    Over the unit disc under the sky rays stand evenly, as many towards each part as its cosine (Malley).
+    """
+    to = start - foot
+    far = np.linalg.norm(to, axis=1)[:, None]
+    seen, reach = to[:, :2] / far, np.minimum(2 * radius / far, 2.0)
+    low, high = (seen - reach).min(axis=0), (seen + reach).max(axis=0)
+    k = np.arange(count)[:, None] + 0.5
+    at = low + (high - low) * (k / [count, (1 + np.sqrt(5)) / 2] % 1)
+    up = 1 - (at**2).sum(axis=1)
+    way = np.column_stack([at, np.sqrt(np.maximum(up, 0))])[up > 0]
+    hit = _meets(foot, way, start, along, radius).sum()
+    return float(hit / count * np.prod(high - low) / np.pi)
+
+
+def _meets(foot: Array, way: Array, start: Array, along: Array, radius: float) -> NDArray[np.bool_]:
+    """(m,) whether rays from a place along unit vectors (m, 3) come within `radius` of segments (n, 3)."""
+    off = start - foot  # nearest points of two lines, the second one kept to its ends
+    wa, wo = way @ along.T, way @ off.T
+    aa, ao = (along**2).sum(axis=1), (along * off).sum(axis=1)
+    share = np.clip((wa * wo - ao) / np.maximum(aa - wa**2, 1e-12), 0, 1)
+    square = (off**2).sum(axis=1) + 2 * share * ao + share**2 * aa - (wo + share * wa) ** 2
+    hit: NDArray[np.bool_] = ((square < radius**2) & (wo + share * wa > 0)).any(axis=1)
+    return hit
+
+
+def wall_and_truth(rng: np.random.Generator) -> tuple[float, float]:
+    """Measure how far a flat wall has the picture off a random round one, px: as claimed, and by halving
+    rays."""
+    view, _, _, _ = random_scene(rng)
+    high = view.light_distance_mm + view.wall_distance_mm
+    radius = rng.uniform(0.6, 5) * high if rng.random() < 0.5 else -rng.uniform(150, 3000)
+    view = view.model_copy(update={"wall_radius_mm": float(radius)})
+    camera = camera_of(view, 61, 61)
+    u, v = np.meshgrid(np.linspace(-0.5, 60.5, 61), np.linspace(-0.5, 60.5, 61))
+    flat = (camera.corner + u[..., None] * camera.du + v[..., None] * camera.dv).reshape(-1, 3)
+    right, up = (axis / np.linalg.norm(axis) for axis in (camera.du, -camera.dv))
+    normal = camera.receiver[:3]
+    middle = camera.corner + 30 * (camera.du + camera.dv)
+    arc, high_up = (flat - middle) @ right, (flat - middle) @ up
+    turn = arc / radius
+    at = middle + np.outer(radius * np.sin(turn), right) + np.outer(high_up, up)
+    at += np.outer(radius * (1 - np.cos(turn)), normal)
+    # halving finds the flat wall's place on the same ray
+    low, top = np.zeros(len(at)), np.full(len(at), 10.0)
+    for _ in range(60):
+        share = 0.5 * (low + top)
+        before = (camera.eye + share[:, None] * (at - camera.eye) - middle) @ normal > 0
+        low, top = np.where(before, share, low), np.where(before, top, share)
+    there = camera.eye + low[:, None] * (at - camera.eye)
+    off = float(np.linalg.norm(there - flat, axis=1).max())
+    magnitude = WALL.magnitude(EffectContext((view,), np.zeros((0, 3)), 1.0, 0.25))
+    return magnitude, off / view.pixel_mm
+
+
+def bounds_and_truths(
+    rng: np.random.Generator, ways: int = 150, *, turns: bool = True, bent: bool = False
+) -> tuple[Array, Array]:
+    """(3,) bounds and (3,) truths, mm: of lamp, piece and wall, the wall tilted by up to 30 degrees.
+
+    `turns`: whether the piece stands free; one that does not hangs on the wall, and leans with it.
+    `bent`: before a wall that is round.
+
+    Moved by the whole amount in `ways` directions; all round the tube about random points.
+    """
+    view, points, radius, camera = random_scene(rng, bent=bent)
+    placing = Placing(
+        lamp_mm=rng.uniform(1, 10), turn_deg=rng.uniform(0.2, 3), tilt_deg=rng.uniform(0.2, 3)
+    )
+    all_round = directions(ways)
+    surface = (points[:, None] + radius * directions(15)).reshape(-1, 3)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    was = cast(surface, camera.eye, camera, view)
+    lamp = max(
+        parted(was, cast(surface, camera.eye + placing.lamp_mm * way, camera, view))
+        for way in all_round
+    )
+    angle = np.radians(placing.turn_deg)
+    turn = max(
+        parted(
+            was,
+            cast(middle + (surface - middle) @ turn_about(way, angle).T, camera.eye, camera, view),
+        )
+        for way in all_round
+    )
+    lean = np.radians(placing.tilt_deg)
+    normal = camera.receiver[:3]
+    about = [way - (way @ normal) * normal for way in all_round]
+    turned = [turn_about(way / np.linalg.norm(way), lean) for way in about]
+    tilt = max(parted(was, _leaning(surface, camera, view, by, turns)) for by in turned)
+    bounds = parting_mm(Shadows.of(view, points), radius, World(placing=placing, turns=turns))
+    return np.array(bounds), np.array([lamp, turn if turns else 0.0, tilt])
+
+
+def _leaning(surface: Array, camera: Camera, view: ResolvedView, by: Array, turns: bool) -> Array:
+    """(n, 2) shadows on the wall turned about its middle, the piece with it unless it `turns` freely."""
+    steady = camera.corner
+
+    def turn(points: Array) -> Array:
+        return np.asarray(steady + (points - steady) @ by.T)
+
+    leaning = Camera(camera.eye, turn(camera.corner), by @ camera.du, by @ camera.dv, 1, 1)
+    return cast(surface if turns else turn(surface), camera.eye, leaning, view)
+
+
+def random_scene(
+    rng: np.random.Generator, *, bent: bool = False
+) -> tuple[ResolvedView, Array, float, Camera]:
+    """A view of a wall that is tilted by up to 30 degrees, 60 points before it, and a tube's radius.
+
+    `bent`: of a wall that is round, hollow or bulging, on which light falls at 70 degrees at most.
+    """
+    while True:
+        view = ResolvedView(
+            frame_width_mm=180.0,
+            frame_height_mm=180.0,
+            light_distance_mm=rng.uniform(200, 2000),
+            wall_distance_mm=rng.uniform(50, 400),
+            wall_tilt_deg=rng.uniform(-30, 30),
+        )
+        radius = rng.uniform(0.5, 4)
+        room = min(0.4 * view.light_distance_mm, 0.8 * view.wall_distance_mm)
+        points = rng.uniform(-1, 1, (60, 3)) * [70, 70, room / 2]
+        camera = camera_of(view, 1, 1)
+        height = points @ camera.receiver[:3] + camera.receiver[3]
+        if bent:
+            high = view.light_distance_mm + view.wall_distance_mm
+            size = rng.uniform(0.6, 3) * high if rng.random() < 0.5 else -rng.uniform(150, 1500)
+            view = view.model_copy(update={"wall_radius_mm": float(size)})
+            across = cast(points, camera.eye, camera)[:, 0]
+            if np.abs(across).max() > 0.9 * abs(size):
+                continue
+            height -= size - np.sign(size) * np.sqrt(size**2 - across**2)
+            ray = np.arctan2(across, high)
+            if np.degrees(np.abs(ray - np.arcsin(across / size)).max()) > 70:
+                continue
+        if height.min() > radius:
+            return view, points, radius, camera
+
+
+def shift_bound_and_truth(
+    rng: np.random.Generator, effect: str, *, bent: bool = False
+) -> tuple[float, float]:
+    """The magnitude of "sag" or "layers" in a random scene, and what moving the surface for real shifts, px.
+
+    The mount lets every point sag by about 0.3 mm its own way; the layers are 0.05 to 0.4 mm high and lie
+    in any direction.
+    """
+    view, points, radius, camera = random_scene(rng, bent=bent)
+    surface, px = points[:, None] + radius * directions(60), view.pixel_mm
+    was = cast(surface.reshape(-1, 3), camera.eye, camera, view)
+
+    def shift(moves: Array) -> float:
+        now = cast((surface + moves).reshape(-1, 3), camera.eye, camera, view)
+        return float(np.linalg.norm(now - was, axis=1).max()) / px
+
+    if effect == "sag":
+        moves = rng.normal(scale=0.3, size=points.shape)
+        context = EffectContext((view,), points, radius, 0.25, moves=moves)
+        return SAG.magnitude(context), shift(moves[:, None])
+    height, upwards = rng.uniform(0.05, 0.4), directions(50)[rng.integers(50)]
+    world = World(printer=Printer(layer_height_mm=height))
+    context = EffectContext((view,), points, radius, 0.25, world, upwards=upwards)
+    return LAYERS.magnitude(context), max(shift(s * height * upwards) for s in (-0.5, 0.5))
+
+
+def directions(count: int) -> Array:
+    """(count, 3) unit vectors all round, on a spiral."""
+    k = np.arange(count) + 0.5
+    high, around = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
+    across = np.sqrt(1 - high**2)
+    return np.column_stack([across * np.cos(around), across * np.sin(around), high])
+
+
+def turn_about(axis: Array, angle: float) -> Array:
+    """(3, 3), by Rodrigues."""
+    k = np.cross(np.eye(3), -axis)
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))
+
+
+def cast(points: Array, lamp: Array, camera: Camera, view: ResolvedView | None = None) -> Array:
+    """(n, 2) shadows of points (n, 3) on the wall, mm in its own axes; on a round one of `view` unrolled.
+
+    A round wall touches the flat one along its up through the frame's middle.
+    """
+    normal, offset = camera.receiver[:3], camera.receiver[3]
+    axes = np.stack([camera.du, -camera.dv])
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    if view is None or view.wall_radius_mm is None:
+        height, reach = points @ normal + offset, lamp @ normal + offset
+        spots = lamp + (points - lamp) * (reach / (reach - height))[:, None]
+        return np.asarray(spots @ axes.T)
+    radius, frame = view.wall_radius_mm, np.stack([*axes, normal])
+    start, way = frame @ (lamp - camera.corner), (points - lamp) @ frame.T
+    # a circle about (0, radius), across and before the wall: the last crossing of a hollow wall, the first
+    # a column
+    from_middle = start[[0, 2]] - [0.0, radius]
+    a, b = (way[:, [0, 2]] ** 2).sum(axis=1), way[:, [0, 2]] @ from_middle
+    root = np.sqrt(b * b - a * (from_middle @ from_middle - radius**2))
+    spots = start + way * ((np.sign(radius) * root - b) / a)[:, None]
+    arc = radius * np.arctan2(spots[:, 0] / radius, 1 - spots[:, 2] / radius)
+    return np.column_stack([arc, spots[:, 1]])
+
+
+def parted(was: Array, now: Array) -> float:
+    """The largest distance left between shadows (n, 2) by their best shift, scale and turn (Umeyama 1991)."""
+    x, y = was - was.mean(axis=0), now - now.mean(axis=0)
+    one, other = x @ [1, 1j], y @ [1, 1j]
+    return float(np.abs(other - np.vdot(one, other) / np.vdot(one, one) * one).max())

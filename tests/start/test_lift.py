@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from oracles import cast, turn_about
 from questions import ask_views
 
 from knotfab.base.arrays import Array
@@ -21,7 +22,6 @@ from knotfab_formats.piece import Mount
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import PRESETS
 from knotfab_formats.views import Placing, Switch
-from tests.oracles.parting import cast, turn_about
 
 FEW = PRESETS["draft"].model_copy(update={"depth_candidates": 16})
 RADIUS, DEPTH_MM = 3.0, 90.0

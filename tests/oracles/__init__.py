@@ -1,1 +1,0 @@
-"""Truth found by brute force, for tests and benchmarks to compare with."""
