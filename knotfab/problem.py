@@ -110,7 +110,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class DepthChoice:
-    """The chosen depth of each template vertex, mm towards the light, and its legibility.
+    """The chosen depth of each template vertex, mm towards the light, and what its legibility costs.
 
     `extent_mm`: the best from the deepest to the highest, lanes left out; less than theirs where less is
     better. None: flat.

@@ -7,9 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 from knotfab_formats.errors import plain
+
+# what a picture must stand out from to be read: 24 characters of DejaVu Sans (a free font), each stretched to
+# its box, in a column of squares
+FOREIGN_SIGNS = Path(__file__).with_name("foreign.png")
 
 Place = tuple[float, float, float]
 """A point in the coordinates of the measured file, mm."""

@@ -20,7 +20,7 @@ from knotfab.scene.camera import light_of
 from knotfab.start.depth import choose_depth, lift, lower
 from knotfab.start.filling import Template, fill, simple_curves
 from knotfab.start.lanes import assign_lanes, part_passes
-from knotfab.start.profiles import stretch_mask
+from knotfab.start.legibility import stretch_mask
 from knotfab_formats.search import SearchSettings
 
 _FLAT_RADII = (

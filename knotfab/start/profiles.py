@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.special import erf
 
-from knotfab.base.arrays import Array, Mask
+from knotfab.base.arrays import Array
 from knotfab.base.compiled import compiled
 
 _WAVELENGTHS = (0.65, 0.85, 1.1)  # shortest wave of a profile, over the width of the piece
 _RELIEF = 1.0, 1.4, 2.0  # shortest wave of a relief, likewise
 _RELIEF_WAVES = 4
 _CHANGED = 0.5  # share of its waves that a variation changes
-_GRID = 128  # side of the grid on which legibility is estimated, to 0.02
 _BLOCK = 256  # points whose waves are summed at once: they stay in the processor's nearest cache
 
 
@@ -118,103 +116,3 @@ def draw_profile(
     return Profile(
         tuple(rng.normal(size=(2, n)) for n in counts), rng.normal(size=len(arcs)), shortest
     )
-
-
-# Legibility: how well the picture can be read from aside.
-
-
-def stretch_mask(mask: Mask) -> Mask:
-    """Crop a mask to its bounding box and stretch it to the grid of `legibility`."""
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    at = (np.arange(_GRID) + 0.5) / _GRID
-    v = rows[0] + (at * (rows[-1] + 1 - rows[0])).astype(int)
-    u = columns[0] + (at * (columns[-1] + 1 - columns[0])).astype(int)
-    return np.asarray(mask[np.ix_(v, u)])
-
-
-@compiled
-def _cover(points: Array, radius: float, grid: int) -> Mask:
-    """Rasterise discs about points (n, 2) on their bounding box, (grid, grid) with row 0 at the top."""
-    covered = np.zeros((grid, grid), dtype=np.bool_)
-    left, low = points[:, 0].min() - radius, points[:, 1].min() - radius
-    wide = (points[:, 0].max() + radius - left) / grid
-    high = (points[:, 1].max() + radius - low) / grid
-    for k in range(len(points)):
-        x, y = (points[k, 0] - left) / wide, (points[k, 1] - low) / high  # unit: cells
-        first = max(0, int(np.ceil(y - radius / high - 0.5)))
-        last = min(grid - 1, int(np.floor(y + radius / high - 0.5)))
-        for row in range(first, last + 1):
-            away = (row + 0.5 - y) * high
-            reach = np.sqrt(max(0.0, radius * radius - away * away)) / wide
-            begin = max(0, int(np.ceil(x - reach - 0.5)))
-            end = min(grid - 1, int(np.floor(x + reach - 0.5)))
-            for column in range(begin, end + 1):
-                covered[grid - 1 - row, column] = True
-    return covered
-
-
-@compiled
-def _iou_aside(
-    centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
-) -> float:
-    """Return the IoU of the turned tube's silhouette, stretched to its box, with the target.
-
-    `centred` are dense samples (n, 3) in the view's axes.
-    """
-    flat = np.empty((len(centred), 2))
-    for n in range(len(centred)):
-        x, y, z = centred[n, 0], centred[n, 1], centred[n, 2]
-        deep = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
-        scale = light_distance / (light_distance - deep)
-        for k in range(2):
-            flat[n, k] = scale * (turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z)
-    covered = _cover(flat, radius, len(target))
-    both, either = 0, 0
-    for row in range(len(target)):
-        for column in range(len(target)):
-            both += covered[row, column] & target[row, column]
-            either += covered[row, column] | target[row, column]
-    return both / either if either else 1.0
-
-
-@lru_cache
-def turns_aside(angle_deg: float) -> list[Array]:
-    """Return four rotations (3, 3) by this angle: to both sides, up and down."""
-    a = np.deg2rad(angle_deg)
-    c, s = np.cos(a), np.sin(a)
-    sideways = [np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]]) for d in (s, -s)]
-    return sideways + [np.array([[1, 0, 0], [0, c, -d], [0, d, c]]) for d in (s, -s)]
-
-
-def legibility(
-    points: Array, radius: float, light_distance: float, target: Mask, angle_deg: float
-) -> float:
-    """Return the largest IoU, over four sides, of the turned part's silhouette with the target's.
-
-    Args:
-        points: (n, 3) mm in the view's axes (z towards the light), less than a radius apart.
-        radius: of the tube, mm.
-        light_distance: from the light to the part's middle, mm.
-        target: from `stretch_mask`.
-    """
-    turns, centred = turns_aside(angle_deg), about_middle(points)
-    return max(legibility_from(centred, radius, light_distance, target, turn) for turn in turns)
-
-
-def about_middle(points: Array) -> Array:
-    """Shift points (n, 3) so that the centre of their bounding box, about which a part turns, is at 0."""
-    middle = [0.5 * (column.min() + column.max()) for column in points.T]
-    return np.asarray(points - np.array(middle))
-
-
-def legibility_from(
-    centred: Array, radius: float, light_distance: float, target: Mask, turn: Array
-) -> float:
-    """Return `legibility` from one side, for points that `about_middle` has centred.
-
-    Raises:
-        ValueError: the target does not come from `stretch_mask`.
-    """
-    if target.shape != (_GRID, _GRID):
-        raise ValueError(f"a target of {_GRID} x {_GRID} cells is asked for, got {target.shape}")
-    return _iou_aside(centred, radius, light_distance, target, turn)

@@ -9,7 +9,10 @@ import pytest
 import shapely
 from questions import ask_heart
 from scipy.ndimage import gaussian_filter1d
+from scipy.stats import spearmanr
 
+from benchmarks.read_aside import WORDS, measure_views, tell_apart
+from knotfab.base.arrays import Array
 from knotfab.effects.base import Decision
 from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.overhang import Rules, estimate, strands_along
@@ -22,18 +25,18 @@ from knotfab.start.arches import draw_arches, fold_of
 from knotfab.start.depth import _Judge, choose_depth, lift
 from knotfab.start.filling import Template, fill
 from knotfab.start.lanes import part_sides
-from knotfab.start.lift import lift_template
-from knotfab.start.profiles import (
-    _cover,
+from knotfab.start.legibility import (
+    _fit,
+    _overlap,
+    _see,
     about_middle,
-    draw_profile,
-    draw_relief,
     legibility,
-    legibility_from,
+    onlooker_for,
     stretch_mask,
-    sum_waves,
     turns_aside,
 )
+from knotfab.start.lift import lift_template
+from knotfab.start.profiles import draw_profile, draw_relief, sum_waves
 from knotfab_formats.search import PRESETS
 from knotfab_formats.views import Switch
 
@@ -100,17 +103,56 @@ def test_where_supports_count_the_piece_needs_fewer(problem: Problem, template: 
     assert supports(_choose(problem, template, 80, 45.0)) < supports(_choose(problem, template, 80))
 
 
-def test_legibility_from_a_side_is_the_iou_seen_there() -> None:
+def test_legibility_is_the_largest_iou_seen_from_four_sides() -> None:
     rng = np.random.default_rng(8)
-    centred = about_middle(rng.uniform(-40, 40, (60, 3)))
-    target = rng.random((128, 128)) < 0.4
-    for turn in turns_aside(30.0):
-        at = centred @ turn.T
-        flat = at[:, :2] * (300.0 / (300.0 - at[:, 2:]))
-        seen = legibility_from(centred, 5.0, 300.0, target, turn)
-        assert seen == pytest.approx(mask_iou(_cover(flat, 5.0, 128), target), abs=2e-3)
+    points, target = rng.uniform(-40, 40, (60, 3)), rng.random((128, 128)) < 0.4
+    centred = about_middle(points)
+    seen = [_see(centred, 5.0, 300.0, turn, 128) for turn in turns_aside(30.0)]
+    found = legibility(points, 5.0, 300.0, target, 30.0)
+    assert found == max(mask_iou(one, target) for one in seen)
     with pytest.raises(ValueError, match="128 x 128"):
-        legibility_from(centred, 5.0, 300.0, target[:, ::2], turn)
+        legibility(points, 5.0, 300.0, target[:, ::2], 30.0)
+
+
+@pytest.mark.parametrize("shear", [-0.15, 0.0, 0.2])
+@pytest.mark.parametrize("across", [0.8, 1.2])
+def test_a_picture_fits_what_an_affine_map_makes_of_it(shear: float, across: float) -> None:
+    v, u = (np.indices((16, 16)) - 7.5).astype(float)
+
+    def draw(u: Array, v: Array) -> Array:
+        ring = np.abs(np.hypot(u, v) - 4.0) < 1.2
+        return (ring | ((np.abs(u - 2.0) < 1.2) & (np.abs(v) < 5.0))).astype(float)
+
+    fine = [
+        np.kron(axis, np.ones((4, 4))) + np.tile((np.indices((4, 4))[k] - 1.5) / 4, (16, 16))
+        for k, axis in ((1, u), (0, v))
+    ]
+    picture = draw(*fine).reshape(16, 4, 16, 4).mean((1, 3))
+    seen = draw(fine[0] / across + shear * fine[1], fine[1]).reshape(16, 4, 16, 4).mean((1, 3))
+    assert _fit(picture, seen) > max(0.8, _overlap(picture, seen, np.eye(3)[:2].ravel()))
+    assert _fit(picture, picture) == 1.0
+    assert _fit(picture, seen[::-1, ::-1].copy()) < _fit(picture, seen)
+
+
+def test_an_onlooker_reads_a_flat_piece_and_not_a_ball(
+    problem: Problem, template: Template
+) -> None:
+    light, (straight, *_) = problem.views[0].view.light_distance_mm, turns_aside(0.0)
+    onlooker = onlooker_for(stretch_mask(problem.views[0].mask))
+    flat = about_middle(np.concatenate([lift(c, 0 * c[:, 0], light) for c in template.curves]))
+    ball = np.random.default_rng(2).normal(size=(300, 3))
+    ball *= 40.0 / np.linalg.norm(ball, axis=1)[:, None]
+    assert onlooker.read(flat, 3.0, light, straight) > 3.0
+    assert onlooker.read(ball, 3.0, light, straight) < 1.5
+
+
+def test_onlookers_say_what_a_person_said_of_forty_views() -> None:
+    found = measure_views()
+    named = WORDS == 2
+    assert tell_apart(found["onlooker"], named) > 0.8
+    assert tell_apart(found["z"], named) > 0.75
+    assert tell_apart(found["stretched"], named) < 0.3  # what it replaced said the opposite
+    assert spearmanr(found["onlooker"], found["z"])[0] > 0.7
 
 
 def test_what_a_profile_costs_is_the_same_whatever_it_may_cost(
@@ -229,14 +271,17 @@ def test_what_a_lamp_does_to_depth_grows_from_nothing(problem: Problem, template
         assert max(moved) <= most  # mm
 
 
-def test_the_silhouette_is_the_union_of_discs_on_its_box() -> None:
+@pytest.mark.parametrize("turn", turns_aside(45.0), ids=str)
+def test_the_silhouette_is_the_union_of_discs_on_its_box(turn: Array) -> None:
     rng = np.random.default_rng(3)
-    points, radius, grid = rng.uniform(-40, 40, (30, 2)) * [1.0, 0.6], 6.0, 48
-    low, high = points.min(0) - radius, points.max(0) + radius
+    points, radius, light, grid = rng.uniform(-40, 40, (30, 3)) * [1.0, 0.6, 0.8], 6.0, 300.0, 48
+    at = points @ turn.T
+    flat = at[:, :2] * (light / (light - at[:, 2:]))
+    low, high = flat.min(0) - radius, flat.max(0) + radius
     middle = low + (np.arange(grid)[:, None] + 0.5) / grid * (high - low)
     x, y = np.meshgrid(middle[:, 0], middle[::-1, 1])
-    away = np.hypot(x[..., None] - points[:, 0], y[..., None] - points[:, 1]).min(-1)
-    np.testing.assert_array_equal(_cover(points, radius, grid), away <= radius)
+    away = np.hypot(x[..., None] - flat[:, 0], y[..., None] - flat[:, 1]).min(-1)
+    np.testing.assert_array_equal(_see(points, radius, light, turn, grid), away <= radius)
 
 
 # Strands that hide each other keep their order, and are apart, without being moved out of the

@@ -28,7 +28,7 @@ from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import fit_size, mask_iou
 from knotfab.problem import Problem
 from knotfab.search.search import search
-from knotfab.start.profiles import legibility, stretch_mask
+from knotfab.start.legibility import legibility, stretch_mask
 from knotfab_formats.scene import VERIFIED_PX
 from knotfab_formats.search import SearchSettings
 

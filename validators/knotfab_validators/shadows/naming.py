@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
-from knotfab_formats.verdict import Named
+from knotfab_formats.verdict import FOREIGN_SIGNS, Named
 from knotfab_validators.arrays import Array, Mask, compiled
 
-# 24 characters of DejaVu Sans (a free font), each stretched to its box, in a column of squares
-FOREIGN = Path(__file__).with_name("foreign.png")
 SIDE, MARGIN = 40, 5  # side of the compared pictures in px, and the margin around the box within it
 TRIES = 260  # steps of a fit
 # each character's mean fit to the 23 others, which takes a second to work out; a test does
@@ -79,7 +76,7 @@ def read_foreign() -> Array:
     """Read the foreign characters (n, SIDE, SIDE)."""
     from PIL import Image
 
-    with Image.open(FOREIGN) as image:
+    with Image.open(FOREIGN_SIGNS) as image:
         column = np.asarray(image.convert("L")) > 127
     boxes = [shrink_to_box(s) for s in np.split(column, len(column) // column.shape[1])]
     return np.array([box for box in boxes if box is not None])
