@@ -1,11 +1,13 @@
 """Several pictures in one part: what each build reached, the hull's bound, the bending and the time.
 
 `python -m benchmarks.several_table --out DIR`: builds sets of the project's own pictures with the command's
-own options: the named ones, and 12 pairs, 8 triples and 2 sets of four that a fixed seed draws; and some
-pictures alone, whose median time is the unit of the others'. Prints a line a view and a line a set, and sums
-up what is drawn by how many pictures. What is built already is not built again. `--only NAME` builds one set
-(any of the pictures' names, joined by -), and `--picture FILE` draws it; all sets that the seed drew are
-drawn into DIR/several-N.png, picture beside shadow.
+own options: the named ones; 12 pairs, 8 triples and 2 sets of four that a fixed seed draws; six pairs with
+small parts, such as eyes and letters; and some pictures alone, whose median time is the unit of the others'.
+Prints a line a view, with the pieces and holes wider than 1.5 tube diameters that are lost and how far the
+shadow stands out, and a line a set, and sums up what is drawn. What is built already is not built again.
+`--only NAME` builds one set (any of the pictures' names, joined by -); `--picture FILE` draws it. The sets
+that the seed drew and the six pairs are drawn into DIR/several-N.png and several-small.png, picture beside
+shadow.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from typing import Any
 import numpy as np
 import trimesh
 from PIL import Image, ImageDraw
+from scipy.ndimage import distance_transform_edt
 
 from benchmarks.measurement import build_once, make_folder, run_study, save_pictures, stack
+from benchmarks.small_pictures import small_pictures
 from examples.pictures import pictures
 from knotfab.render.part_picture import PAPER, draw_part, turn_eye
 
@@ -28,6 +32,7 @@ _SEED, _DRAWN = 39, {2: 12, 3: 8, 4: 2}  # sets of so many pictures
 _ALONE = 5  # pictures built alone
 _EYE = "-by-eye"
 _GOOD = ("faithful", "good")
+_WIDE_LOSS = 1.5  # tube diameters: a lost piece or hole wider than this could have been drawn
 
 NAMED = (
     "heart-teapot",
@@ -37,6 +42,15 @@ NAMED = (
     "heart-face-teapot",
     "knight-cat-bird",
     "anchor-wheel-plane",
+)
+
+SMALL = (
+    "otter-snowflake",
+    "owl-knight",
+    "whiskers-bird",
+    "alps-heart",
+    "ship-anchor",
+    "crown-face",
 )
 
 
@@ -62,7 +76,7 @@ def build_set(name: str, folder: Path) -> dict[str, Any]:
     names = name.removesuffix(_EYE).split("-")
     first, *more = (str(folder / f"{n}.png") for n in names)
     if not (folder / f"{name}.json").is_file():
-        save_pictures(pictures(), folder, names)
+        save_pictures(pictures() | small_pictures(), folder, names)
     if name.endswith(_EYE):
         scene = folder / "by-eye.toml"
         views = (
@@ -135,13 +149,41 @@ def _drawn(built: dict[str, Any]) -> list[float]:
     return [float(view.get("iou_drawn", view["iou"])) for view in _views_of(built)]
 
 
+def count_lost(view: dict[str, Any]) -> int:
+    """Count the pieces and holes that a view lost though the tube was thin enough for them."""
+    return sum(
+        loss["size_mm"] > _WIDE_LOSS * loss["needed_mm"]
+        for loss in view["verdict"]["lost"]
+        if loss["what"] in ("piece", "hole")
+    )
+
+
+def measure_knob(folder: Path, view: dict[str, Any]) -> float:
+    """Return how far a view's shadow stands out of the picture as it was drawn, in tube radii."""
+    verdict, name = view["verdict"], view["name"]
+    drawn = folder / f"drawn-{name}.png"
+    shadow, wanted = (
+        np.pad(np.asarray(Image.open(file).convert("L")) < 128, 64)
+        for file in (
+            folder / f"shadow-{name}.png",
+            drawn if drawn.is_file() else folder / f"picture-{name}.png",
+        )
+    )
+    radii = verdict["outline_p95_radii"] / max(verdict["outline_p95_mm"], 1e-9)
+    with (folder / "scene.toml").open("rb") as file:
+        views = {v["name"]: v for v in tomllib.load(file)["views"]}
+    pixel_mm = views[name]["frame_width_mm"] / (shadow.shape[1] - 128)
+    return float(distance_transform_edt(~wanted)[shadow].max(initial=0.0) * pixel_mm * radii)
+
+
 def _print_set(name: str, built: dict[str, Any], unit_s: float) -> None:
     for view, drawn in zip(_views_of(built), _drawn(built), strict=True):
         bent = view.get("bending") or {}
         moved = f"bent {100 * bent.get('rms', 0.0):4.1f} %, {100 * bent.get('most', 0.0):4.1f} % at most"
         print(
             f"  {name:28} {view['name']:10} {view['kind']:6} IoU {view['iou']:.4f}  drawn {drawn:.4f}  "
-            f"bound {view.get('bound', 1.0):.4f}  {moved}"
+            f"bound {view.get('bound', 1.0):.4f}  {moved}  {count_lost(view)} lost, "
+            f"out by {measure_knob(built['folder'], view):.2f} radii"
         )
     report = built["report"]
     told = built["said"]
@@ -159,17 +201,19 @@ def _print_set(name: str, built: dict[str, Any], unit_s: float) -> None:
     )
 
 
-def _print_sum(many: int, sets: list[dict[str, Any]], unit_s: float) -> None:
+def _print_sum(kind: str, sets: list[dict[str, Any]], unit_s: float) -> None:
     words = [_word(s) for s in sets]
     drawn = [min(_drawn(s)) for s in sets if _drawn(s)]
     every = [iou for s in sets for iou in _drawn(s)]
     ended = sum(s["code"] == 0 for s in sets)
+    lost = sum(count_lost(view) for s in sets for view in _views_of(s))
     good, faithful = sum(w in _GOOD for w in words), words.count("faithful")
     mean = float(np.mean(every)) if every else 0.0
     times = np.median([s["cpu_s"] for s in sets]) / unit_s
     print(
-        f"{len(sets)} sets of {many}: {ended} end with 0, {good} good or better, {faithful} faithful; of "
-        f"what was drawn worst {min(drawn, default=0.0):.4f}, mean {mean:.4f}; {times:.1f}x the time of one"
+        f"{len(sets)} sets {kind}: {ended} end with 0, {good} good or better, {faithful} faithful; of "
+        f"what was drawn worst {min(drawn, default=0.0):.4f}, mean {mean:.4f}; {times:.1f}x the time of one; "
+        f"{lost} pieces or holes lost that the tube could draw"
     )
 
 
@@ -189,13 +233,14 @@ def main(*, out: Path | None = None, only: str = "", picture: Path | None = None
     print(f"one picture takes {unit_s:.1f} CPU s (median)", flush=True)
     for name in NAMED:
         _print_set(name, build_set(name, folder), unit_s)
-    for many, names in drawn.items():
+    kinds = {str(many): (f"of {many}", names) for many, names in drawn.items()}
+    for kind, (words, names) in {**kinds, "small": ("with small parts", SMALL)}.items():
         sets = []
         for name in names:
             sets.append((name, build_set(name, folder)))
             _print_set(*sets[-1], unit_s)
-        _print_sum(many, [built for _, built in sets], unit_s)
-        _draw_sheet(sets, folder / f"several-{many}.png")
+        _print_sum(words, [built for _, built in sets], unit_s)
+        _draw_sheet(sets, folder / f"several-{kind}.png")
 
 
 if __name__ == "__main__":

@@ -42,6 +42,10 @@ AGREED = 0.995  # pictures whose bounds (IoU) reach this agree: nothing is moved
 MOST_BENT = 0.12  # default limit on a point's displacement, as a share of the picture's height
 _HOPELESS = 0.5  # bound (IoU) below which no search begins
 _SCALED = 12  # attempts to scale a bending back until the picture keeps its pieces and holes
+# depth of the deepest place without room, over the picture's longer side: there a strand would stand out of
+# another picture as a knob, mostly at the first or last rows
+_DEEPEST = 0.004
+_KNOB = 0.008  # the same, from which pictures are bent that agree but for it
 _SLACK = 0.0008  # error (IoU) of a bound that is measured coarsely
 _SAID = 0.001  # shortfall of a bound (IoU) that is not worth a message
 
@@ -84,7 +88,7 @@ def agree(
         return Agreement(scene, _bent(scene, targets))
     framed, drawn = framed_alike(scene, targets), targets
     bounds = bounds_of(framed.views, targets, extents=True)
-    if worst_of(bounds) >= AGREED or any(t.bending is not None for t in targets):
+    if _agree(bounds) or any(t.bending is not None for t in targets):
         return Agreement(scene, targets, bounds=bounds)
     require_apart(framed.views)
     lines: list[str] = []
@@ -110,7 +114,7 @@ def agree(
             bounds = bounds_of(framed.views, drawn, extents=True)
             names = [t.shown for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
-    if worst_of(bounds) < AGREED and most > 0:
+    if not _agree(bounds) and most > 0:
         bent_scene, bent = _bend(framed, targets, drawn, bounds, most)
         after = bounds_of(bent_scene.views, bent, extents=True)
         if worst_of(after) > worst_of(bounds):
@@ -128,6 +132,10 @@ def agree(
     if framed.views == scene.views:
         return Agreement(scene, targets, tuple(lines), bounds)
     return Agreement(framed, drawn, tuple(lines), bounds)
+
+
+def _agree(bounds: Sequence[HullBound]) -> bool:
+    return worst_of(bounds) >= AGREED and max(b.deepest for b in bounds) <= _KNOB
 
 
 def apply_bending(view: View, target: Target) -> Target:
@@ -230,14 +238,16 @@ def _bend(
         for coarse, fine in zip(bounds_of(scene.views, targets, masks), bounds, strict=True)
     ]
 
-    def enough(points: Array) -> bool:
+    def grade(points: Array) -> int:
         bent = [bend_mask(m, p) for m, p in zip(masks, points, strict=True)]
         found = bounds_of(scene.views, targets, bent)
-        return all(b.iou >= AGREED + _SLACK + a for b, a in zip(found, added, strict=True))
+        if any(b.iou < AGREED + _SLACK + a for b, a in zip(found, added, strict=True)):
+            return 0
+        return 2 if max(b.deepest for b in found) <= _DEEPEST else 1
 
     cameras = cameras_of(views, targets)
     points = bend_pictures(
-        cameras, [t.mask for t in drawn], reach_of(views), most, enough, walls_of(views)
+        cameras, [t.mask for t in drawn], reach_of(views), most, grade, walls_of(views)
     )
     for _ in range(_SCALED):
         bent_views = tuple(

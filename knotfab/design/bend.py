@@ -26,7 +26,9 @@ _SPARE = 0.16  # width of the empty margin around the frame, as a share of its h
 _BLURS_PX = (6.0, 1.0)  # half width of the soft outline, first and last
 _WEIGHTS = (0.3, 0.001)  # weight of the elastic energy, first and last
 _ROUNDS, _TURNS = 16, 8  # number of weights, and of steps with each
-_LESS = 0.95  # factor by which a sufficient bending is reduced while it stays sufficient
+_LESS = 0.8  # factor by which a sufficient bending is reduced while it stays sufficient
+_FEWER = 5  # most reductions
+_MORE = 9  # further weights that are tried for all that could be reached, once the least is
 _PACE = 0.004  # length of a step, as a share of the height
 _PLACE = (
     0.12  # uniform shift that costs as much as a uniform stretch of 1, as a share of the height
@@ -176,20 +178,25 @@ def bend_pictures(
     masks: Sequence[Mask],
     reach_mm: float,
     most: float,
-    enough: Callable[[Array], bool],
+    grade: Callable[[Array], int],
     walls: Sequence[Plane] = (),
 ) -> Array:
     """Return displacements of the control points, (m, ROWS, COLUMNS, 2) in shares of a picture's height.
 
-    The bending grows until `enough` accepts it, or the last weight of the elastic energy is reached.
+    The bending grows until `grade` gives it 2, or the last weight of the elastic energy is reached. Where 1
+    is reached and 2 is not soon after, the first bending of 1 is returned.
 
     Args:
+        grade: returns how well pictures bent so agree: 0 too little, 1 enough, 2 everywhere.
         cameras, masks, reach_mm, walls: as for `hull_bounds`.
         most: limit on a control point's displacement, as a share of the height.
     """
     tension = Tension(cameras, masks, reach_mm, walls)
     points = np.zeros((len(masks), ROWS, COLUMNS, 2))
+    if grade(points) == 2:
+        return points
     mean, square, step = np.zeros_like(points), np.zeros_like(points), 0
+    reached, first, since = 0, points, 0
     for turn in range(_ROUNDS):
         share = turn / (_ROUNDS - 1)
         weight = _WEIGHTS[0] * (_WEIGHTS[1] / _WEIGHTS[0]) ** share
@@ -207,11 +214,19 @@ def bend_pictures(
                 ..., None
             ]
         points = tension.without_folds(points)
-        if enough(points):
-            while enough(_LESS * points):  # the last weight was a little too small
-                points = _LESS * points
+        found = grade(points)
+        if found > reached:
+            reached, first = found, points
+        since += reached > 0
+        if reached == 2 or since > _MORE:
             break
-    return points
+    if not reached:
+        return points
+    for _ in range(_FEWER):  # the last weight was a little too small
+        if grade(_LESS * first) < reached:
+            break
+        first = _LESS * first
+    return first
 
 
 def _distance_from_frame(shape: tuple[int, ...], pad: int) -> Array:

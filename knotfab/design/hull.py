@@ -34,6 +34,15 @@ class HullBound:
     low: Array
     high: Array
 
+    @property
+    def deepest(self) -> float:
+        """Depth of the deepest place of the picture that is not covered, over the picture's longer side."""
+        lacking = self.wanted & ~self.covered
+        if not lacking.any():
+            return 0.0
+        away = distance_transform_edt(np.pad(~self.covered, 1))[1:-1, 1:-1]
+        return float(away[lacking].max() / max(lacking.shape))
+
 
 def hull_bounds(
     cameras: Sequence[Camera],

@@ -120,7 +120,8 @@ class Phase:
     """One run of the flow at one resolution, with the picture's sharpness `tau` from start to end.
 
     `pixels` is the picture's longer side; tau is in units of one over the projected tube radius. `spill`
-    pulls strands outside a silhouette to it. `balanced` gives more weight to views that miss their goals.
+    pulls strands outside a silhouette to it, `knobs` those that stand out as knobs. `balanced` gives more
+    weight to views that miss their goals.
     """
 
     pixels: int
@@ -128,6 +129,7 @@ class Phase:
     weights: Weights
     tau: tuple[float, float]
     spill: bool = False
+    knobs: bool = False
     balanced: bool = True
 
     @property
@@ -166,7 +168,8 @@ def three_phases(
 
     Args:
         views: with several, strands have further to go. The search then begins softer and with longer steps,
-            and pulls in what is outside a silhouette; later, spill may stay that draws as much elsewhere.
+            and pulls in what is outside a silhouette; later, spill may stay that draws as much elsewhere,
+            unless it is a knob.
         rates: step sizes in tube radii at the start of the coarse phase, between it and the fine one, and at
             the end of that; None chooses by the number of views.
     """
@@ -188,12 +191,14 @@ def three_phases(
             FlowSettings(iterations=settings.fine_iterations, rate=middle, rate_end=end),
             Weights(clearance=3.0, bend=0.5, grace=smooth[1]),
             (3.0, settings.tau),
+            knobs=several,
         ),
         Phase(
             settings.fine_px,
             FlowSettings(iterations=settings.settle_iterations, rate=0.03, rate_end=0.01),
             SETTLE,
             (settings.tau, settings.tau),
+            knobs=several,
         ),
     )
 

@@ -238,17 +238,20 @@ def _divisor(lengths: Array) -> Array:
 
 _MARGIN = 0.5  # margin of the distance field around the frame, as a share of it
 _CELLS = 240  # cells of the field along the frame's longer side
-_WEIGHT = (
-    0.5  # cost of a tube radius of strand, one radius outside, in squared radii of image error
-)
+# cost of a tube radius of strand, one radius outside, in squared radii of image error
+_WEIGHT = 0.5
+# the same of one that stands out as a knob: more than the two squared radii that it may draw in another view
+_WEIGHT_KNOB = 1.5
+_KNOB = 0.5  # how far a tube may stand out of a silhouette before it is a knob, in radii
+_STROKE = 1.0  # radii from what is wider than a knob, where thin parts are strokes, and no corners or tips
 
 
 @dataclass(frozen=True)
 class Spill(Term):
     """A pull on strands outside a silhouette: length times distance, in squared tube radii.
 
-    `field` (H, W) is the distance from the silhouette in tube radii, and `projection` (3, 4) maps to its
-    cells. Places beyond the field count as its edge.
+    `field` (H, W) is the distance from the silhouette in tube radii, weighted, and `projection` (3, 4) maps
+    to its cells. Places beyond the field count as its edge.
     """
 
     projection: Array
@@ -263,6 +266,22 @@ class Spill(Term):
         wanted, camera = grid_at(view, target.mask, cell, _MARGIN, beside=target.ends)
         far = distance_transform_edt(~wanted) * (cell / view.magnification / radius)
         return cls(camera.projection, far, radius)
+
+    @classmethod
+    def of_knobs(cls, target: TargetView, radius: float) -> Spill:
+        """Build the term that counts from where a tube stands out of a silhouette as a knob.
+
+        In strokes too thin for any other place it counts from their outline.
+        """
+        view = target.view
+        cell = view.longer_mm / _CELLS
+        wanted, camera = grid_at(view, target.mask, cell, _MARGIN, beside=target.ends)
+        radii = cell / view.magnification / radius
+        inner = distance_transform_edt(wanted) * radii > _KNOB
+        wide = distance_transform_edt(~inner) * radii <= _KNOB
+        strokes = wanted & (distance_transform_edt(~wide) * radii > _STROKE)
+        far = distance_transform_edt(~(inner | strokes)) * radii
+        return cls(camera.projection, _WEIGHT_KNOB / _WEIGHT * far, radius)
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         seen = project(state.points, self.projection)

@@ -129,6 +129,8 @@ class SearchState:
         terms = self.terms
         if phase.spill:
             terms += tuple(Spill.of(v, self.radius) for v in self.problem.views)
+        if phase.knobs:
+            terms += tuple(Spill.of_knobs(v, self.radius) for v in self.problem.views)
         objective = Objective(
             self._images(phase.pixels),
             self.rings,

@@ -23,7 +23,8 @@ from benchmarks import measurement, several_table
 from benchmarks.features import CELLS, ROWS, Cell, build_cell
 from benchmarks.measurement import Built
 from benchmarks.outside_suites import expected, list_files, run_all, table
-from benchmarks.several_table import NAMED, build_set, draw_sets
+from benchmarks.several_table import NAMED, SMALL, build_set, count_lost, draw_sets
+from benchmarks.small_pictures import small_pictures
 from benchmarks.traced_colours import light_and_mix, measure_rms, trace_colours, use_mitsuba
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
 from knotfab.base.folder import OutputFolder
@@ -161,6 +162,15 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
     assert [view.kind for view in scene.views] == ["eye", "eye"]
     assert [view.azimuth_deg for view in scene.views] == [0.0, 90.0]
     assert json.loads((tmp_path / f"{name}.json").read_text())["cpu_s"] == 2.0
+
+
+def test_only_pieces_and_holes_that_the_tube_could_draw_count_as_lost() -> None:
+    losses = [("piece", 3.1), ("hole", 3.1), ("piece", 2.9), ("specks", 9.0)]
+    lost = [{"what": what, "size_mm": size, "needed_mm": 2.0} for what, size in losses]
+    assert count_lost({"verdict": {"lost": lost}}) == 2
+    drawn = small_pictures()
+    assert all(drawn.keys() & set(pair.split("-")) for pair in SMALL)
+    assert all(len(np.unique(np.asarray(picture) > 127)) == 2 for picture in drawn.values())
 
 
 # The colours that the validators mix, against paths that Mitsuba traces through the same scene.

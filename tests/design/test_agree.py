@@ -151,6 +151,7 @@ def test_bending_brings_every_bound_up_and_keeps_pieces() -> None:
     targets = (EGG, HOURGLASS, LEANING)
     done = agree(spread_views(Scene(), "abcdefghijklmn"[:3]), targets)
     assert min(b.iou for b in done.bounds) > AGREED - 0.01
+    assert max(b.deepest for b in done.bounds) < 0.01  # no end of a picture is left without room
     assert any("bent by" in line for line in done.lines)
     for before, after in zip(targets, done.targets, strict=True):
         assert after.bending is not None

@@ -69,6 +69,7 @@ def test_what_only_one_picture_has_is_lost() -> None:
     missing = tall.wanted & ~tall.covered
     rows = np.flatnonzero(missing.any(1)) / len(missing)
     assert rows.min() < 0.2 and rows.max() > 0.8
+    assert tall.deepest == pytest.approx(20 / SIDE, abs=2 / SIDE) and low.deepest == 0.0
 
 
 def inside_hull(points: Array, cameras: list[Camera], masks: list[Mask]) -> Mask:

@@ -105,6 +105,26 @@ def test_what_stands_outside_adds_its_spill(both: Problem, points: Array) -> Non
     assert more == pytest.approx(spill, rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("half_mm", "off_mm", "pulled"),
+    [
+        (40.0, 36.0, False),  # along the outline, a fifth of a tube outside
+        (40.0, 44.0, True),  # a whole tube outside
+        (1.5, 0.0, False),  # along the middle of a stroke thinner than the tube
+        (1.5, 4.0, True),  # beside it
+    ],
+)
+def test_what_stands_out_as_a_knob_is_pulled_in(
+    half_mm: float, off_mm: float, pulled: bool
+) -> None:
+    (view,) = ask_views([MultiPolygon([box(-60, -half_mm, 60, half_mm)])], 0.0).views
+    t = 2 * np.pi * np.arange(120) / 120
+    strand = np.column_stack([40 * np.cos(t), np.full_like(t, off_mm), 20 * np.sin(t)])
+    cost, slope = Spill.of_knobs(view, RADIUS)(state_at(strand), Weights())
+    assert (cost > 10.0) == pulled and (cost < 1.0) != pulled
+    assert not pulled or slope[:, 1].sum() > 0
+
+
 def test_a_call_changes_nothing(both: Problem, points: Array) -> None:
     objective = objective_at(both, points, spill=True)
     objective.find_winners(points, 0.0)
