@@ -18,14 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from oracles import (
-    bounce_and_truth,
-    bounds_and_truths,
-    cast,
-    shift_bound_and_truth,
-    uneven_and_truth,
-    wall_and_truth,
-)
 
 from benchmarks.measurement import build_apart, run_study
 from knotfab.base.arrays import Array
@@ -46,6 +38,14 @@ from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.lamp import measure_penumbra
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from tests.shared.oracles import (
+    bounce_and_truth,
+    bounds_and_truths,
+    cast,
+    shift_bound_and_truth,
+    uneven_and_truth,
+    wall_and_truth,
+)
 
 KINDS = ("ball", "disc", "rectangle", "leds")
 KNIGHT = Path(__file__).resolve().parents[1] / "examples" / "knight.png"
