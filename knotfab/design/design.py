@@ -31,6 +31,7 @@ from knotfab.design.settings import (
     suit_settings,
     without_arches,
 )
+from knotfab.design.small import require_strokes
 from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.raster import silhouette_uri
@@ -339,10 +340,11 @@ def choose_tube(
         require_tube(question.scene)
     question = question.with_depth(radius)
     with progress.stage("template"):
-        if choice is not None and choice.start is not None:
-            return question.as_started(choice.start), radius, choice.start, choice
-        template = None if choice is None else choice.template
-        start = make_start(question.problem, radius, settings, knots, template=template)
+        start = None if choice is None else choice.start
+        if start is None:
+            template = None if choice is None else choice.template
+            start = make_start(question.problem, radius, settings, knots, template=template)
+    require_strokes(question, start)
     return question.as_started(start), radius, start, choice
 
 

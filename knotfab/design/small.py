@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from shapely import MultiPolygon
 
-from knotfab.picture.opening import Small, find_missed, open_by
+from knotfab.base.errors import SceneError
+from knotfab.design.question import Question
+from knotfab.picture.opening import Small, find_missed, open_by, thickest_radius
+from knotfab.problem import Start
 from knotfab.start.filling import enlarge_loops, fill
 
 _SURE = 1.15  # room that strands need which serve several pictures, over that of one
@@ -18,6 +21,11 @@ _HELPS = 0.5  # share of the lost parts that a thinner tube must keep, or it hel
 _SLOWER = (1.4, 2.0)
 _CHEAP = 5.0  # a search may take so many times as long unasked
 _SMALLEST = 0.1  # least radius over the thinnest for which a larger picture is looked for
+# strokes of several line drawings, in tube diameters: narrower ones have no room for a strand there and back
+# beside those of the other view (at 1.8 two pairs lost whole arcs); from `_BOLD` on all were drawn well
+_BARE, _BOLD = 2.0, 2.5
+_MOSTLY = 0.5  # share of a picture in such strokes
+_DRAWN = 0.8  # IoU of a start that the search can mend
 
 Found = Sequence[tuple[int, Small]]  # small parts, each with the number of its picture
 
@@ -110,3 +118,32 @@ def missed_alone(
         alone = fill(MultiPolygon([s.shape for s in pieces]), _SURE * radius)
         lost += find_missed(pieces, polygon, enlarge_loops(alone, _SURE * bend).tube, radius)
     return lost
+
+
+def require_strokes(question: Question, start: Start) -> None:
+    """Refuse drawings of thin lines in several views of which the start draws too little to be mended.
+
+    Raises:
+        SceneError: names the width of the strokes, and the height at which they are wide enough.
+    """
+    views, scene = question.problem.views, question.scene
+    alone = question.problem.apart_mm is None and "unrecognisable" not in scene.accuracy.accept
+    if len(views) < 2 or not alone or min(start.ious, default=1.0) >= _DRAWN:
+        return
+    thinnest = scene.printer.min_tube_radius_mm
+    widths = [
+        thickest_radius(view.polygon, _MOSTLY, thinnest / 64, _BARE * thinnest) for view in views
+    ]
+    thin = [(w, view) for w, view in zip(widths, views, strict=True) if w and w < _BARE * thinnest]
+    if not thin:
+        return
+    half, target = min(thin, key=lambda found: found[0])
+    on_wall = 2.0 * target.view.magnification
+    height = views[0].view.frame_mm[1] * _BOLD * thinnest / half
+    raise SceneError(
+        f"picture {target.view.title or target.view.name}",
+        f"most of its strokes are {on_wall * half:.1f} mm wide on the wall, and lines are drawn from several "
+        f"sides where they are {on_wall * _BOLD * thinnest:.1f} mm, {_BOLD:g} times what a tube draws",
+        f"Make the pictures {np.ceil(height / 10) * 10:.0f} mm high (--height), or their strokes bolder; "
+        "--accept unrecognisable builds them nevertheless.",
+    )
