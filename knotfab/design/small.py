@@ -21,7 +21,7 @@ _HELPS = 0.5  # share of the lost parts that a thinner tube must keep, or it hel
 _SLOWER = (1.4, 2.0)
 _CHEAP = 5.0  # a search may take so many times as long unasked
 _SMALLEST = 0.1  # least radius over the thinnest for which a larger picture is looked for
-# strokes of several line drawings, in tube diameters: narrower ones have no room for a strand there and back
+# strokes of two line drawings, in tube diameters: narrower ones have no room for a strand there and back
 # beside those of the other view (at 1.8 two pairs lost whole arcs); from `_BOLD` on all were drawn well
 _BARE, _BOLD = 2.0, 2.5
 _MOSTLY = 0.5  # share of a picture in such strokes
@@ -121,14 +121,16 @@ def missed_alone(
 
 
 def require_strokes(question: Question, start: Start) -> None:
-    """Refuse drawings of thin lines in several views of which the start draws too little to be mended.
+    """Refuse two drawings of thin lines of which the start draws too little to be mended.
+
+    For three no width is known that is enough.
 
     Raises:
         SceneError: names the width of the strokes, and the height at which they are wide enough.
     """
     views, scene = question.problem.views, question.scene
     alone = question.problem.apart_mm is None and "unrecognisable" not in scene.accuracy.accept
-    if len(views) < 2 or not alone or min(start.ious, default=1.0) >= _DRAWN:
+    if len(views) != 2 or not alone or min(start.ious, default=1.0) >= _DRAWN:
         return
     thinnest = scene.printer.min_tube_radius_mm
     widths = [
@@ -142,7 +144,7 @@ def require_strokes(question: Question, start: Start) -> None:
     height = views[0].view.frame_mm[1] * _BOLD * thinnest / half
     raise SceneError(
         f"picture {target.view.title or target.view.name}",
-        f"most of its strokes are {on_wall * half:.1f} mm wide on the wall, and lines are drawn from several "
+        f"most of its strokes are {on_wall * half:.1f} mm wide on the wall, and lines are drawn from two "
         f"sides where they are {on_wall * _BOLD * thinnest:.1f} mm, {_BOLD:g} times what a tube draws",
         f"Make the pictures {np.ceil(height / 10) * 10:.0f} mm high (--height), or their strokes bolder; "
         "--accept unrecognisable builds them nevertheless.",

@@ -1,4 +1,4 @@
-"""Drawings of thin lines from several sides are refused where no search can mend them, with a remedy."""
+"""Two drawings of thin lines are refused where no search can mend them, with a remedy."""
 
 from __future__ import annotations
 
