@@ -227,6 +227,18 @@ class Sag:
 
 
 @dataclass(frozen=True)
+class Hiding:
+    """The share of the shadow's edge that the piece hides from far viewers at either side, by their angle.
+
+    `gap_mm`: how much farther off the wall it would hide no more than a tenth from 30 degrees; None where it
+    hides no more, or would at any gap that was tried.
+    """
+
+    share: dict[str, float]
+    gap_mm: float | None
+
+
+@dataclass(frozen=True)
 class Named:
     """The picture's rank among foreign ones in a turned piece: its `z`, and whether it is `first`."""
 
@@ -279,6 +291,7 @@ class View:
     drawn: str | None = None
     contrast: Contrast | None = None
     sag: Sag | None = None
+    hiding: Hiding | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -242,6 +242,8 @@ class Switches(Table):
     """A printer's layers make steps."""
     wall: Switch = None
     """The wall is round."""
+    hiding: Switch = None
+    """A piece near its wall stands before its shadow."""
 
 
 class Room(Table):

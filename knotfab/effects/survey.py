@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.contrast import CONTRAST
+from knotfab.effects.hiding import HIDING
 from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.effects.shifts import LAYERS, SAG, WALL
 from knotfab_formats.views import Switch
 
-EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS, WALL)
+EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS, WALL, HIDING)
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import FILLET_MM
+from knotfab.effects.hiding import draw_strands
 from knotfab.geometry.tube import Mesh, as_manifold
 from knotfab.hold.beams import JOINT_RADII, Holder, Stiffness, sag_moves, worst_of
 from knotfab.hold.solids import Fixture
@@ -27,7 +28,6 @@ STRIP_MM = 12.0  # wide are strips that join islands
 RIM_MM = 4.0  # about a screw's hole
 OFF_MM = 1.0  # a screw's hole keeps so far off the plate's own outline
 WITHIN_MM = 0.1  # an outline is drawn with straight lines so near to it
-ASIDE_DEG = (30, 45)  # where viewers stand beside the lamp, told of the shadow's edge
 LEAST_BACK_MM = 0.15  # of a plate below the lowest foot
 
 
@@ -48,13 +48,9 @@ class FootPlate:
 
 @dataclass(frozen=True, kw_only=True)
 class StandingPiece(Holder):
-    """A piece in its plate.
-
-    `hidden_aside` has for each angle of view the share of the shadow's edge that the piece hides.
-    """
+    """A piece in its plate."""
 
     plate: FootPlate
-    hidden_aside: dict[int, float]
 
 
 @dataclass(frozen=True)
@@ -95,8 +91,7 @@ def plan_foot_plate(
     # a body is joined to another over patches: its Euler characteristic is the sum less that of the patches
     handles = np.bincount(knot_of, [1 - foot.genus for foot in feet], len(tubes)).astype(int)
     plate = FootPlate(outline, holes, tuple(count.tolist()), tuple(handles.tolist()))
-    hidden = {angle: _hide_edge(knots, camera, to_wall, angle) for angle in ASIDE_DEG}
-    return StandingPiece(plate=plate, sag_mm=sag, sag_at=at, moves=moves, hidden_aside=hidden)
+    return StandingPiece(plate=plate, sag_mm=sag, sag_at=at, moves=moves)
 
 
 def ears_mm(settings: Mount) -> float:
@@ -153,42 +148,12 @@ def _shape_plate(
 
 def _cast_tubes(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
     """Cast the tubes on the wall, approximately."""
-    import shapely
-
-    wide = knots.radius_mm * np.linalg.norm(camera.eye - camera.middle)
-    wide /= float(np.linalg.norm(camera.eye))
-    lines = []
-    for knot in knots.knots:
-        cast = camera.cast(np.append(knot.points, knot.points[:1], axis=0))
-        lines.append(shapely.LineString((cast @ to_wall[:, :3].T + to_wall[:, 3])[:, :2]))
-    return shapely.union_all([line.simplify(WITHIN_MM).buffer(wide) for line in lines])
-
-
-def _hide_edge(knots: Knots, camera: Camera, to_wall: Array, angle_deg: float) -> float:
-    """Measure the share of the shadow's edge that tubes hide from far viewers at either side.
-
-    Seen from the side the wall looks narrower, and each strand appears displaced by its height times
-    the tangent of the angle.
-    """
-    import shapely
-
-    edge = shapely.segmentize(_cast_tubes(knots, camera, to_wall).boundary, 2.0)
-    lines = [np.array(part.coords) for part in shapely.get_parts(edge)]
-    middles = np.concatenate([(line[1:] + line[:-1]) / 2 for line in lines])
-    long = np.concatenate([np.linalg.norm(np.diff(line, axis=0), axis=1) for line in lines])
-    angle, hidden = np.deg2rad(angle_deg), []
-    for sine in (np.sin(angle), -np.sin(angle)):
-        seen = np.array([[np.cos(angle), 0.0, -sine], [0.0, 1.0, 0.0]])
-        tubes = []
-        for knot in knots.knots:
-            local = np.append(knot.points, knot.points[:1], axis=0) @ to_wall[:, :3].T
-            line = shapely.LineString((local + to_wall[:, 3]) @ seen.T)
-            tubes.append(line.simplify(WITHIN_MM).buffer(knots.radius_mm))
-        over = shapely.union_all(tubes)
-        shapely.prepare(over)
-        places = middles @ seen[:, :2].T
-        hidden.append(float(long[shapely.contains_xy(over, *places.T)].sum() / long.sum()))
-    return float(np.mean(hidden))
+    to_wall_mm, to_piece_mm = (
+        float(np.linalg.norm(at)) for at in (camera.eye - camera.middle, camera.eye)
+    )
+    wide = knots.radius_mm * to_wall_mm / to_piece_mm
+    cast = [camera.cast(knot.points) @ to_wall[:, :3].T + to_wall[:, 3] for knot in knots.knots]
+    return draw_strands([line[:, :2] for line in cast], wide)
 
 
 def _bridge_islands(body: Geometry) -> Polygon:

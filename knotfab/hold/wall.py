@@ -92,7 +92,6 @@ class WallMount(Holder):
     struts: Candidates = field(default_factory=no_members)
     strut_knots: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     plate: FootPlate | None = None
-    hidden_aside: dict[int, float] = field(default_factory=dict)
 
     def dowels(self, peg: Peg, wall: Array | None) -> list[Fixture]:
         """Make the dowel of a peg, if it has one; `wall` (3, 3) has rows as `Camera.wall_axes`."""

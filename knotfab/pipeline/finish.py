@@ -26,10 +26,12 @@ from knotfab.report.effects import (
     count_flattened,
     judge_made,
     list_contrasts,
+    list_hidings,
     list_sags,
     list_views,
     tell_bounds,
     tell_contrast,
+    tell_hiding,
     tell_walls,
     tell_warnings,
 )
@@ -64,6 +66,7 @@ from knotfab.report.supports import tell_supports
 from knotfab.report.viewer import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
+from knotfab_formats.print_figures import PlateFigures
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.conclusion import tell_lowered
@@ -115,7 +118,7 @@ def report_piece(
         print_ = replace(
             print_of(made, part.bodies, views),
             mount=mounted.figures,
-            plate=mounted.plate_figures(piece.scene.material.shrinks_to) if printing else None,
+            plate=_plate_of(piece, views) if printing else None,
             drawings=tuple(drawings),
             setup=tell_setup(mounted, cameras, made.knots.radius_mm),
             turning=turning,
@@ -189,9 +192,7 @@ def _list_notes(
             len(targets) == 1 and flat_wall,
             len(targets),
         ),
-        *tell_plate(
-            part.mounted.plate_figures(piece.scene.material.shrinks_to), part.mounted.scene
-        ),
+        *tell_plate(_plate_of(piece, views), part.mounted.scene),
         *(tell_unsliced(sliced) if request.printing and plan is None else ()),
         *tell_plan(plan),
         *piece.notes,
@@ -203,6 +204,7 @@ def _list_notes(
         *tell_warnings(made.result.effects),
         *advise_nearer_wall(views, made),
         *tell_contrast(views),
+        *tell_hiding(views, part.mounted.scene),
         *tell_walls(views),
         *tell_bounds(made, targets),
         *laid,
@@ -217,7 +219,17 @@ def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[V
     judge_made(made, piece.scene, moves, up)
     count_flattened(made.result.effects, piece.targets)
     sags = list_sags(made, moves, [target.asked for target in piece.targets])
-    return list_views(verdict.views, made, piece.targets, list_contrasts(made), sags)
+    return list_views(
+        verdict.views, made, piece.targets, list_contrasts(made), sags, list_hidings(made)
+    )
+
+
+def _plate_of(piece: WrittenPiece, views: Sequence[View]) -> PlateFigures | None:
+    """Return the figures of the plate in which the piece stands, if it does."""
+    if piece.part is None:
+        return None
+    hiding = views[0].hiding if views else None
+    return piece.part.mounted.plate_figures(piece.scene.material.shrinks_to, hiding)
 
 
 def tell_other_tube(previewed_mm: float | None, built_mm: float) -> list[str]:

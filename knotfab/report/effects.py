@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from knotfab_formats.report import EffectLine, LimitLine
 from knotfab_formats.verdict import (
     Contrast,
+    Hiding,
     Misplacement,
     Recognition,
     Sag,
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from knotfab.problem import SearchResult
     from knotfab_formats.scene import ResolvedScene, SettledScene
 
+_SOFTER_MM = 0.1  # a blur from which on it is worth a word
+# of what both ways gave for knight, heart, plane and cat: `python -m benchmarks.supports_table --mount wall`
+_PEGS = "some 2.3 times the filament and 1.7 times the hours"
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
 
@@ -112,6 +116,24 @@ def list_contrasts(made: Design) -> list[Contrast | None]:
             found = contrast_of(seen, made.knots.radius_mm, world)
         contrasts.append(found)
     return contrasts
+
+
+def list_hidings(made: Design) -> list[Hiding | None]:
+    """Measure what the piece hides of each view's shadow; None where the scene does not call for it."""
+    from knotfab.effects.base import Shadows
+    from knotfab.effects.hiding import HIDING, hide_edge
+
+    decision, knots = made.result.effects.get(HIDING.name), made.knots
+    hidings = list[Hiding | None]()
+    for view in made.scene.views:
+        if decision is None or not decision.simulated or view.kind == "eye":
+            hidings.append(None)
+            continue
+        with decision.called("report"):
+            seen = Shadows.of(view, knots.points)
+            lines = [seen.wall.place(knot.points) for knot in knots.knots]
+            hidings.append(hide_edge(seen, lines, knots.radius_mm))
+    return hidings
 
 
 def judge_made(
@@ -205,6 +227,34 @@ def tell_contrast(views: Sequence[View]) -> list[str]:
     return said
 
 
+def tell_hiding(views: Sequence[View], scene: ResolvedScene) -> list[str]:
+    """Say what viewers aside lose of each shadow, and what a wider gap would give them and cost."""
+    from knotfab.effects.hiding import NOTICED
+
+    said = []
+    for view, asked in zip(views, scene.views, strict=False):
+        found = view.hiding
+        if found is None or next(iter(found.share.values())) <= NOTICED:
+            continue
+        which = f" of {view.name}" if len(views) > 1 else ""
+        hidden = " and ".join(f"{100 * share:.0f} % from {a}°" for a, share in found.share.items())
+        line = (
+            f"Near its wall the piece hides part of its own shadow's edge{which} from who looks aside: "
+            f"{hidden}."
+        )
+        if found.gap_mm is not None:
+            pegs = "--mount wall --plate pegs " if scene.mount.on_feet else ""
+            soft = asked.light_size_mm * found.gap_mm / asked.light_distance_mm
+            price = [f"an edge some {soft:.1f} mm softer"] if soft >= _SOFTER_MM else []
+            price += [_PEGS] if pegs else []
+            line += (
+                f" Built for {pegs}--wall-distance {asked.wall_distance_mm + found.gap_mm:g} it would "
+                f"hide at most {NOTICED:.0%} from 30°{', for ' if price else ''}{' and '.join(price)}."
+            )
+        said.append(line)
+    return said
+
+
 def tell_move(
     move: WorstMove, off: Misplacement, kind: str, threads_apart_mm: float | None = None
 ) -> str:
@@ -264,6 +314,7 @@ def list_views(
     targets: Sequence[Target],
     contrasts: Sequence[Contrast | None],
     sags: Sequence[Sag | None],
+    hidings: Sequence[Hiding | None],
 ) -> list[View]:
     """Add to each of the validators' views what the maker knows of its picture and effects.
 
@@ -272,7 +323,7 @@ def list_views(
     """
     bounds = {v.name: b.iou for v, b in zip(made.scene.views, made.bounds, strict=False)}
     files = {view.name: view.drawn_picture for view in made.scene.views}
-    each = zip(views, targets, contrasts, sags, strict=False)
+    each = zip(views, targets, contrasts, sags, hidings, strict=False)
     return [
         replace(
             view,
@@ -282,8 +333,9 @@ def list_views(
             drawn=files[view.name] if bounds and view.bending is not None else None,
             contrast=contrast,
             sag=sag,
+            hiding=hiding,
         )
-        for view, target, contrast, sag in each
+        for view, target, contrast, sag, hiding in each
     ]
 
 

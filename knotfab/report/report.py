@@ -282,18 +282,14 @@ def tell_mount(knots: int, mount: MountFigures, hangs: bool, views: int) -> list
 
 
 def tell_plate(plate: PlateFigures | None, scene: ResolvedScene) -> list[str]:
-    """Say how a plate in which the piece stands is printed, and what it hides."""
+    """Say how a plate in which the piece stands is printed."""
     if plate is None:
         return []
-    hidden = " and ".join(
-        f"{100 * share:.0f} % from {angle}°" for angle, share in plate.hidden_aside.items()
-    )
     off = " and with supports off" if scene.piece.supports == "none" else ""
     return [
         f"Print it as it lies, plate down{off}. A change of filament at "
         f"{plate.change_at_mm:g} mm, before layer {plate.change_layer}, gives a light screen and a dark "
-        "piece: slicer.ini holds the line for it. Of one filament, take a light one.",
-        f"It stands at the wall, and hides part of its own shadow's edge from who looks aside: {hidden}.",
+        "piece: slicer.ini holds the line for it. Of one filament, take a light one."
     ]
 
 

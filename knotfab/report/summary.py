@@ -30,6 +30,8 @@ CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_O
 _TALLIED = {"pass": "passed", "fail": "failed", "warn": "not required and not met"}
 _TALLIED |= {"skipped": "skipped", "info": "for information"}
 _FEW = 4  # checks that are named
+# z of `recognition` from which on a picture may be guessed, and is read, from aside
+_GUESSED, _PLAIN = 2.0, 3.0
 
 
 def conclude(report: Report, verbose: bool = False) -> list[str]:
@@ -101,14 +103,20 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
             said += f", {tell_share(drawn)} with it as bent"
         if view.bound is not None and view.bound > drawn:
             said += f" (at most {tell_share(view.bound)} without spill)"
-        read = view.legibility.get("45")
+        named = (view.recognition or {}).get("45")
         if (off := view.misplacement) is not None and off.worst is not None:
             moved = tell_move(off.worst, off, view.kind, apart)
             said += f"; {off.worst.fitted:.0%} with {moved}"
-        said += "" if read is None else f"; from 45° aside {read:.0%} readable"
+        said += "" if named is None else f"; from 45° aside {_tell_read(named.z)}"
         name = f"{view.name}: " if len(views) > 1 else ""
         lines.append(name + said + (f"; IoU {iou:.4f}" if verbose else ""))
     return lines
+
+
+def _tell_read(z: float) -> str:
+    """Say whether a picture is read from aside."""
+    word = "may be guessed" if z < _PLAIN else "is read"
+    return f"its picture {'is not read' if z < _GUESSED else word} (z {z:.1f})"
 
 
 def _tell_even_grey(report: Report) -> str:

@@ -95,7 +95,8 @@ def test_how_gracefully_the_knots_run_is_told(capsys: pytest.CaptureFixture[str]
 
 
 def view(name: str, iou: float, **more: Any) -> dict[str, Any]:
-    return {"name": name, "iou": iou, "legibility": {"45": 0.482}, **more}
+    named = {"45": {"z": more.pop("z", 1.6), "first": False}}
+    return {"name": name, "iou": iou, "legibility": {}, "recognition": named, **more}
 
 
 def test_views_are_told_by_name_in_percent(capsys: pytest.CaptureFixture[str]) -> None:
@@ -103,15 +104,19 @@ def test_views_are_told_by_name_in_percent(capsys: pytest.CaptureFixture[str]) -
         "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.95, "samples": 7, "lamp_iou": {},
         "lamp_iou_per_mm": {}, "worst": {"of": "turn", "way": "up", "raw": 0.9, "fitted": 0.966},
     }  # fmt: skip
-    teapot = view("teapot", 0.957, bound=0.9976, misplacement=off)
+    teapot = view("teapot", 0.957, z=2.5, bound=0.9976, misplacement=off)
     done = outcome("good", views=[view("heart", 0.99962, bound=0.9), teapot])
     print_summary(done)
     said = capsys.readouterr().out
-    assert "  heart: 99.9% alike; from 45° aside 48% readable\n" in said  # no bound that it beats
+    # no bound that it beats
+    assert "  heart: 99.9% alike; from 45° aside its picture is not read (z 1.6)\n" in said
     assert (
         "  teapot: 95.7% alike (at most 99.8% without spill); 97% with the piece turned by 1°"
         in said
     )
+    assert "; from 45° aside its picture may be guessed (z 2.5)\n" in said
+    print_summary(outcome("good", views=[view("heart", 0.9, z=3.3)]))
+    assert "; from 45° aside its picture is read (z 3.3)\n" in capsys.readouterr().out
     assert "IoU" not in said and "radius" not in said and "curvature" not in said
     print_summary(done, verbose=True)
     assert "IoU 0.9570" in capsys.readouterr().out
