@@ -81,7 +81,10 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     beside = f", and {spill:.0%} as much beside it" if spill >= SPILL else ""
     if not lost:
         return f"{text}draws all of it{beside}."
-    text += f"loses {with_noun(len(lost), 'part')} of it; the longest is {_describe_loss(lost[0], seen)}."
+    letters = seen.target.letters_at(loss.at[0] for loss in lost)
+    whose = f"it ({letters})" if len(seen.target.letters) > 1 else "it"
+    text += f"loses {with_noun(len(lost), 'part')} of {whose}; "
+    text += f"the longest is {_describe_loss(lost[0], seen)}."
     if seen.whole_mm is not None and seen.whole_mm < found.radius_mm:
         radius = seen.whole_mm
         text += f" One {2 * radius:.1f} mm thick draws all of it (--tube-radius {radius:.2f})."
@@ -142,6 +145,12 @@ def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
             spelt = seen.target.is_text and any(sign.isalnum() for sign in seen.target.shown)
             noun = "letter" if spelt or is_row(pieces) else "small piece"
             words.append(with_noun(len(pieces), noun))
+            middle, per_px = (
+                0.5 * seen.target.mask.shape[1],
+                seen.wall_mm_per_px / seen.view.magnification,
+            )
+            letters = seen.target.letters_at(p.centroid.x / per_px + middle for p in pieces)
+            words[-1] += f" ({letters})" if letters and spelt else ""
         if holes:
             words.append(with_noun(len(holes), "small hole"))
         if words:

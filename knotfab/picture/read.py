@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 import unicodedata
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -92,6 +92,7 @@ class Target(InNotebook):
     bending: Bending | None = None
     draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
     is_text: bool = False  # whether it is text, which must not be mirrored
+    letters: tuple[tuple[str, float, float], ...] = ()  # of text, from `text.find_letters`
     notes: tuple[str, ...] = ()
     ink: str | None = None
     threshold: float | None = None
@@ -110,6 +111,22 @@ class Target(InNotebook):
         """Convert a point of the masks to px of the picture, whose pixel centres are whole numbers."""
         x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
         return x, y
+
+    def letters_at(self, columns: Iterable[float]) -> str:
+        """Name the letters of a text at these columns of the masks: "A and P"; "" of any other picture."""
+        if not self.letters:
+            return ""
+        ink = np.flatnonzero(self.mask.any(axis=0))
+        shares = [(column - ink[0]) / max(ink[-1] - ink[0], 1) for column in columns]
+        found = {
+            min(
+                range(len(self.letters)),
+                key=lambda k: max(self.letters[k][1] - s, s - self.letters[k][2]),
+            )
+            for s in shares
+        }
+        *others, last = [self.letters[k][0] for k in sorted(found)]
+        return f"{', '.join(others)} and {last}" if others else last
 
     @cached_property
     def pieces(self) -> int:
@@ -202,7 +219,8 @@ def _read_target(
         drawn = text.render_text(content, font)
         name = name_picture(source)
         target = _take_target(drawn, what, name, "", reading, glance, base or Path())
-        return replace(target, is_text=True, title=_titled(content.strip()))
+        letters = text.find_letters(content, font)
+        return replace(target, is_text=True, letters=letters, title=_titled(content.strip()))
     data, path = read_source(source, base)
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")

@@ -41,12 +41,14 @@ class Outline:
     """Glyphs of one line of text as SVG path data (thousandths of an em, y down, nonzero winding).
 
     `bounds` are those of the ink's control points: (left, top, right, bottom). `fonts` are the files
-    that were drawn from, in the order of their first characters.
+    that were drawn from, in the order of their first characters. `letters` has for each character with
+    ink where that begins and ends.
     """
 
     path: str
     bounds: tuple[float, float, float, float]
     fonts: tuple[str, ...]
+    letters: tuple[tuple[str, float, float], ...]
 
 
 def outline_text(text: str, font: str | None = None) -> Outline:
@@ -69,6 +71,7 @@ def outline_text(text: str, font: str | None = None) -> Outline:
     used: dict[str, None] = {}
     parts: list[str] = []
     corners: list[NDArray[np.float64]] = []
+    letters: list[tuple[str, float, float]] = []
     pen = 0.0
     previous: tuple[str, Any] = ("", 0)
     for character in drawn:
@@ -83,6 +86,7 @@ def outline_text(text: str, font: str | None = None) -> Outline:
         if len(vertices):
             placed = np.asarray(vertices) * (1.0, -1.0) + (pen, 0.0)
             corners.append(placed[np.asarray(codes) != 79])
+            letters.append((character, *np.quantile(corners[-1][:, 0], (0.0, 1.0)).tolist()))
             parts.append(_path_data(placed, codes))
         pen += glyph.linearHoriAdvance / 65536.0
         previous = (name, index)
@@ -91,7 +95,22 @@ def outline_text(text: str, font: str | None = None) -> Outline:
     ink = np.concatenate(corners)
     (left, top), (right, bottom) = ink.min(axis=0), ink.max(axis=0)
     bounds = (float(left), float(top), float(right), float(bottom))
-    return Outline(" ".join(parts), bounds, tuple(used))
+    return Outline(" ".join(parts), bounds, tuple(used), tuple(letters))
+
+
+def find_letters(text: str, font: str | None = None) -> tuple[tuple[str, float, float], ...]:
+    """Find where each character of a picture of text begins and ends, as shares of the ink's width.
+
+    None are found where glyphs depend on their neighbours (`needs_shaping`).
+    """
+    if needs_shaping(text):
+        return ()
+    drawn = outline_text(text, font)
+    left, _, right, _ = drawn.bounds
+    return tuple(
+        (character, (begin - left) / (right - left), (end - left) / (right - left))
+        for character, begin, end in drawn.letters
+    )
 
 
 def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:

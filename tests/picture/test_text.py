@@ -235,3 +235,22 @@ def test_the_picture_that_is_kept_gives_the_text_again(tmp_path: Path) -> None:
     kept.write_bytes(target.png_bytes)
     path.unlink()
     assert np.array_equal(read_target(kept).mask, target.mask)
+
+
+@pytest.mark.parametrize("word", ["ALPEN", "Riesling", "i j", "Öl", "A"])
+def test_what_a_tube_loses_of_a_word_is_told_by_letter(word: str) -> None:
+    target = read_target(f"text:{word}")
+    labels, _ = pieces_of(target.mask)
+    columns = [np.flatnonzero((labels == k).any(axis=0)) for k in range(1, labels.max() + 1)]
+    drawn = [sign for sign in word if not sign.isspace()]
+    named = [target.letters_at([column.mean()]) for column in columns]  # the dot of an i too
+    assert sorted(set(named)) == sorted(set(drawn))
+    assert (
+        target.letters_at(column.mean() for column in columns).replace(" and", ",").split(", ")
+        == drawn
+    )
+
+
+@pytest.mark.parametrize("source", ["text:مم", "text:א l"])
+def test_letters_that_hang_together_have_no_names(source: str) -> None:
+    assert read_target(source).letters_at([100.0]) == ""
