@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import manifold3d
 import numpy as np
 from validator_parts import tube
 
@@ -150,6 +149,8 @@ def chain(
     points = np.column_stack([plan * np.cos(angle), plan * np.sin(angle), z])
     points[:, 2] += radius * (1 - cut) - sink
     vertices, faces = tube(points, radius, 24)
+    import manifold3d  # what prints is measured where it is missing
+
     solid = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
     kept = solid.trim_by_plane((0.0, 0.0, 1.0), 0.0).to_mesh64() if cut > 0 else solid.to_mesh64()
     mesh = Mesh(np.array(kept.vert_properties)[:, :3], np.array(kept.tri_verts).astype(np.int64))
