@@ -1,6 +1,6 @@
 """Compare what recognition says of 40 pieces seen from aside with what a person said of them first.
 
-`python -m benchmarks.read_aside`: each silhouette's z, that of the depths' own onlooker, and the IoU of
+`python -m benchmarks.read_aside`: each silhouette's z, that of the search's onlooker, and the IoU of
 stretched silhouettes, then how each follows the words. The silhouettes, seen from 45° on one of four sides
 drawn by lot, stand shuffled in read_aside.png, each behind its picture: the project's 19 pictures built at
 standard both ways of supports, and two more sides. The words were written down before anything was measured,

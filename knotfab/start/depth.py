@@ -26,23 +26,24 @@ from knotfab.problem import DepthChoice
 from knotfab.start.arches import Arches, draw_arches, fold_of, highest_mm
 from knotfab.start.doubled import find_doubled
 from knotfab.start.lanes import part_sides
-from knotfab.start.legibility import about_middle, onlooker_for, turns_aside
+from knotfab.start.legibility import about_middle, legibility_from, onlooker_for, turns_aside
 from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief
 
 AnyProfile = Profile | Relief | Arches
 
-_ASIDE_DEG = 45.0  # from where a profile is viewed
-_STAND_OUT = 0.04  # weight of a standard deviation by which the picture stands out from there
+# weight by angle from which a profile is viewed, degrees, largest first
+_ASIDE = {45.0: 0.75, 30.0: 0.25}
 _SURELY = 0.9  # share of the least support so far that every profile is assumed to need
 _DRAWN = 6  # one candidate in six is drawn at random, the others are variations of the best
 _KEPT = 4  # number of profiles that are varied in turn
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
-_NOISE = 0.05  # legibility differs by as much from depth to depth: less is no reason
+_NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
 # arches that lack a neighbour are split so often at most, at one of these shares
 _SPLITS = 8
 _SPLIT_SHARES = 0.5, 0.3, 0.7
-_BRACED = 2  # of the best arches are made to stand; it changes how they look
+_BRACED = 2  # of the best arches are made to stand, and the one read worse from aside is taken
+_STAND_OUT = 0.05  # weight of a standard deviation by which a picture stands out from foreign signs
 _FREE_LEG = 0.03  # weight of a leg that sways, against legibility
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
 
@@ -122,7 +123,6 @@ class _Judge:
         self.frame = low, every.max(0) + self.radius - low  # corner and size of `target`, mm
         self.tops = np.array([min(self.extent_mm, highest_mm(c)) for c in self.curves])
         self.folds = [fold_of(s, self.radius) for s in self.samples]
-        self.onlooker = onlooker_for(self.target)
         self.doubled = find_doubled(self.samples, self.pairs, self.radius) if self.arched else []
         self.drawing = [] if self.sharpening is None else self.sharpening.drawing(self.samples)
         self.beside = None  # heights that the lanes add to the samples, mm
@@ -208,6 +208,13 @@ class _Judge:
             now = min(tried, key=lambda one: one.cost)
         return now
 
+    def read(self, braced: _Braced) -> float:
+        """Return what arches cost, and how far the picture stands out in them from foreign signs."""
+        onlooker, turns = onlooker_for(self.target), turns_aside(max(_ASIDE))
+        centred = about_middle(np.concatenate(self.place(braced.arches)))
+        read = [onlooker.read(centred, self.radius, self.light_distance, t) for t in turns]
+        return braced.cost + _STAND_OUT * max(read)
+
     def _free_legs(self, arches: Arches, modulus_mpa: float) -> _Braced:
         parts = self.place(arches)
         _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa, self.hides)
@@ -250,24 +257,29 @@ class _Judge:
         )  # so that a rebuild from the number is the same
 
     def legibility(self, parts: list[Array], at_most: float = inf) -> float:
-        """Weigh how well the picture is read from 45 degrees aside, plus a cost of strands too close.
+        """Estimate how legible the picture is from 45 and 30 degrees aside, plus a cost of strands too close.
 
-        Once the sum exceeds `at_most` the sides that are left are not looked at.
+        Once the sum exceeds `at_most` the rest is left out. At smaller angles a picture is rarely less
+        legible, so a few sides at 45 degrees rule most profiles out.
         """
         points = np.concatenate(parts)
         close = _count_close(points, *self.pairs, 2.2 * self.radius)
         # 0.6: weight of strands that hide each other at nearly equal depth
         found = 0.6 * close / max(len(self.pairs[0]), 1)
-        centred, worst = about_middle(points), -inf
-        for side in tuple(self.sides):
-            turn = turns_aside(_ASIDE_DEG)[side]
-            seen = self.onlooker.read(centred, self.radius, self.light_distance, turn)
-            worst = max(worst, _STAND_OUT * seen)
-            if found + worst > at_most:
-                self.sides.remove(side)
-                self.sides.insert(0, side)
-                break
-        return found + worst
+        centred, left = about_middle(points), sum(_ASIDE.values())
+        for angle, share in _ASIDE.items():
+            worst = 0.0
+            for side in tuple(self.sides):
+                turn = turns_aside(angle)[side]
+                seen = legibility_from(centred, self.radius, self.light_distance, self.target, turn)
+                worst = max(worst, seen)
+                if found + left * worst > at_most:
+                    self.sides.remove(side)
+                    self.sides.insert(0, side)
+                    return found + left * worst
+            found += share * worst
+            left -= share
+        return found
 
     def cost(self, parts: list[Array], at_most: float, supported: bool = True) -> float:
         """Return the total cost, with or without supports; a lower bound once that exceeds `at_most`.
@@ -381,7 +393,7 @@ def choose_depth(
     if modulus_mpa is not None:
         arches = [one for _, one in best[:_BRACED] if isinstance(one, Arches)]
         braced = [judge.brace(one, modulus_mpa) for one in arches]
-        profile = min(braced, key=lambda one: one.cost).arches
+        profile = min(braced, key=judge.read).arches
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:
         best_mm = judge.find_extent(profile, least_mm, steadying)

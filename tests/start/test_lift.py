@@ -112,7 +112,7 @@ def test_what_print_costs_is_weighed_in_the_extent(
         monkeypatch.setattr(depth._Judge, "supports", supports)
         return _extent(_place(problem, template, lamp_mm, turn_deg))
 
-    assert extent(0.5, 50.0, 5.0) < extent(0.0, 50.0, 5.0) < extent(-0.5, 50.0, 5.0)
+    assert extent(0.2, 50.0, 5.0) < extent(0.0, 50.0, 5.0) < extent(-0.2, 50.0, 5.0)
     # by itself that is no reason: what careless placing asks grows from nothing at its threshold
     assert extent(0.2, 5.0, 1.0) == DEPTH_MM
 
