@@ -45,7 +45,6 @@ _SCALED = 12  # attempts to scale a bending back until the picture keeps its pie
 # depth of the deepest place without room, over the picture's longer side: there a strand would stand out of
 # another picture as a knob, mostly at the first or last rows
 _DEEPEST = 0.004
-_KNOB = 0.008  # the same, from which pictures are bent that agree but for it
 _SLACK = 0.0008  # error (IoU) of a bound that is measured coarsely
 _SAID = 0.001  # shortfall of a bound (IoU) that is not worth a message
 
@@ -88,7 +87,7 @@ def agree(
         return Agreement(scene, _bent(scene, targets))
     framed, drawn = framed_alike(scene, targets), targets
     bounds = bounds_of(framed.views, targets, extents=True)
-    if _agree(bounds) or any(t.bending is not None for t in targets):
+    if worst_of(bounds) >= AGREED or any(t.bending is not None for t in targets):
         return Agreement(scene, targets, bounds=bounds)
     require_apart(framed.views)
     lines: list[str] = []
@@ -114,7 +113,7 @@ def agree(
             bounds = bounds_of(framed.views, drawn, extents=True)
             names = [t.shown for v, t in zip(framed.views, targets, strict=True) if v.mirrored]
             lines.append(f"mirrored, which changes the picture: {', '.join(names)}")
-    if not _agree(bounds) and most > 0:
+    if worst_of(bounds) < AGREED and most > 0:
         bent_scene, bent = _bend(framed, targets, drawn, bounds, most)
         after = bounds_of(bent_scene.views, bent, extents=True)
         if worst_of(after) > worst_of(bounds):
@@ -132,10 +131,6 @@ def agree(
     if framed.views == scene.views:
         return Agreement(scene, targets, tuple(lines), bounds)
     return Agreement(framed, drawn, tuple(lines), bounds)
-
-
-def _agree(bounds: Sequence[HullBound]) -> bool:
-    return worst_of(bounds) >= AGREED and max(b.deepest for b in bounds) <= _KNOB
 
 
 def apply_bending(view: View, target: Target) -> Target:
