@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 
 ASIDE_DEG = (30, 45)  # where far viewers stand, to the left and right of the wall's middle
 _STEP_MM = 2.0  # along the shadow's edge
-_WITHIN_MM = 0.1  # of strands that are drawn with fewer vertices
-NOTICED = 0.1  # of the edge, seen from 30°: about what a piece on pegs hides
+_WITHIN_MM = 0.1  # by how much a strand that is drawn with fewer vertices may be off
+NOTICED = (
+    0.1  # share of the edge hidden from 30° from which on it is told; pegs leave about as much
+)
 _GAPS_MM = (10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 160.0, 240.0)  # tried, as a person sets them
 
 
@@ -56,23 +58,23 @@ def hide_edge(seen: Shadows, lines: Sequence[Array], radius: float) -> Hiding:
     Args:
         seen: the view. lines: closed centre lines [(n, 3) mm], in the axes of its wall.
     """
-    hidden = {angle: _hidden(seen, lines, radius, angle) for angle in ASIDE_DEG}
-    first, found = ASIDE_DEG[0], None
-    if hidden[first] > NOTICED:
-        off = np.array([0.0, 0.0, 1.0])
-        found = next(
-            (
-                gap
-                for gap in _GAPS_MM
-                if _hidden(seen, [line + gap * off for line in lines], radius, first) <= NOTICED
-            ),
-            None,
-        )
-    return Hiding({str(angle): round(share, 3) for angle, share in hidden.items()}, found)
+    first = ASIDE_DEG[:1]
+
+    def stays_noticed(gap_mm: float) -> bool:
+        moved = [line + [0.0, 0.0, gap_mm] for line in lines]
+        return _hidden(seen, moved, radius, first)[0] > NOTICED
+
+    hidden = _hidden(seen, lines, radius, ASIDE_DEG)
+    tried = _GAPS_MM if hidden[0] > NOTICED else ()
+    gap = next((gap for gap in tried if not stays_noticed(gap)), None)
+    shares = zip(ASIDE_DEG, hidden, strict=True)
+    return Hiding({str(angle): round(share, 3) for angle, share in shares}, gap)
 
 
-def _hidden(seen: Shadows, lines: Sequence[Array], radius: float, angle_deg: float) -> float:
-    """Return the hidden share from one angle, the mean of both sides.
+def _hidden(
+    seen: Shadows, lines: Sequence[Array], radius: float, angles_deg: Sequence[float]
+) -> list[float]:
+    """Return the hidden share from each angle, the mean of both sides.
 
     Seen from the side the wall looks narrower, and each strand appears displaced by its height times
     the tangent of the angle.
@@ -87,14 +89,15 @@ def _hidden(seen: Shadows, lines: Sequence[Array], radius: float, angle_deg: flo
     parts = [np.array(part.coords) for part in shapely.get_parts(edge)]
     middles = np.concatenate([(part[1:] + part[:-1]) / 2 for part in parts])
     long = np.concatenate([np.linalg.norm(np.diff(part, axis=0), axis=1) for part in parts])
-    angle, hidden = np.deg2rad(angle_deg), []
-    for sine in (np.sin(angle), -np.sin(angle)):
-        sight = np.array([[np.cos(angle), 0.0, -sine], [0.0, 1.0, 0.0]])
+
+    def hide(angle: float) -> float:
+        sight = np.array([[np.cos(angle), 0.0, -np.sin(angle)], [0.0, 1.0, 0.0]])
         over = draw_strands([line @ sight.T for line in lines], radius)
         shapely.prepare(over)
         places = middles @ sight[:, :2].T
-        hidden.append(float(long[shapely.contains_xy(over, *places.T)].sum() / long.sum()))
-    return float(np.mean(hidden))
+        return float(long[shapely.contains_xy(over, *places.T)].sum() / long.sum())
+
+    return [0.5 * (hide(angle) + hide(-angle)) for angle in np.deg2rad(angles_deg).tolist()]
 
 
 def draw_strands(lines: Sequence[Array], wide: float) -> Geometry:

@@ -196,7 +196,7 @@ def rules_of(scene: ResolvedScene) -> Rules:
     )
 
 
-CUT_RADII = 0.5  # of the lowest feet, so that each stands flat
+CUT_RADII = 0.5  # how much of the lowest feet is cut off, so that each stands flat
 
 
 @dataclass(frozen=True)

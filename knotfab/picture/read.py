@@ -92,7 +92,7 @@ class Target(InNotebook):
     bending: Bending | None = None
     draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
     is_text: bool = False  # whether it is text, which must not be mirrored
-    letters: tuple[tuple[str, float, float], ...] = ()  # of text, from `text.find_letters`
+    letters: tuple[tuple[str, float, float], ...] = ()  # what `text.find_letters` found in a text
     notes: tuple[str, ...] = ()
     ink: str | None = None
     threshold: float | None = None

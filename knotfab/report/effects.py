@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from knotfab_formats.scene import ResolvedScene, SettledScene
 
 _SOFTER_MM = 0.1  # a blur from which on it is worth a word
-# of what both ways gave for knight, heart, plane and cat: `python -m benchmarks.supports_table --mount wall`
+# measured with knight, heart, plane and cat: `python -m benchmarks.supports_table --mount wall`
 _PEGS = "some 2.3 times the filament and 1.7 times the hours"
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
@@ -229,12 +229,12 @@ def tell_contrast(views: Sequence[View]) -> list[str]:
 
 def tell_hiding(views: Sequence[View], scene: ResolvedScene) -> list[str]:
     """Say what viewers aside lose of each shadow, and what a wider gap would give them and cost."""
-    from knotfab.effects.hiding import NOTICED
+    from knotfab.effects.hiding import ASIDE_DEG, NOTICED
 
     said = []
     for view, asked in zip(views, scene.views, strict=False):
         found = view.hiding
-        if found is None or next(iter(found.share.values())) <= NOTICED:
+        if found is None or found.share[str(ASIDE_DEG[0])] <= NOTICED:
             continue
         which = f" of {view.name}" if len(views) > 1 else ""
         hidden = " and ".join(f"{100 * share:.0f} % from {a}°" for a, share in found.share.items())

@@ -115,8 +115,8 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
 
 def _tell_read(z: float) -> str:
     """Say whether a picture is read from aside."""
-    word = "may be guessed" if z < _PLAIN else "is read"
-    return f"its picture {'is not read' if z < _GUESSED else word} (z {z:.1f})"
+    word = "is not read" if z < _GUESSED else "may be guessed" if z < _PLAIN else "is read"
+    return f"its picture {word} (z {z:.1f})"
 
 
 def _tell_even_grey(report: Report) -> str:

@@ -26,7 +26,13 @@ from knotfab.problem import DepthChoice
 from knotfab.start.arches import Arches, draw_arches, fold_of, highest_mm
 from knotfab.start.doubled import find_doubled
 from knotfab.start.lanes import part_sides
-from knotfab.start.legibility import about_middle, legibility_from, onlooker_for, turns_aside
+from knotfab.start.legibility import (
+    Onlooker,
+    about_middle,
+    legibility_from,
+    onlooker_for,
+    turns_aside,
+)
 from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief
 
 AnyProfile = Profile | Relief | Arches
@@ -42,7 +48,7 @@ _NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: l
 # arches that lack a neighbour are split so often at most, at one of these shares
 _SPLITS = 8
 _SPLIT_SHARES = 0.5, 0.3, 0.7
-_BRACED = 2  # of the best arches are made to stand, and the one read worse from aside is taken
+_BRACED = 2  # how many of the best arches are made to stand; the one read worse from aside is taken
 _STAND_OUT = 0.05  # weight of a standard deviation by which a picture stands out from foreign signs
 _FREE_LEG = 0.03  # weight of a leg that sways, against legibility
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
@@ -208,10 +214,10 @@ class _Judge:
             now = min(tried, key=lambda one: one.cost)
         return now
 
-    def read(self, braced: _Braced) -> float:
+    def show(self, braced: _Braced, onlooker: Onlooker) -> float:
         """Return what arches cost, and how far the picture stands out in them from foreign signs."""
-        onlooker, turns = onlooker_for(self.target), turns_aside(max(_ASIDE))
         centred = about_middle(np.concatenate(self.place(braced.arches)))
+        turns = turns_aside(max(_ASIDE))
         read = [onlooker.read(centred, self.radius, self.light_distance, t) for t in turns]
         return braced.cost + _STAND_OUT * max(read)
 
@@ -393,7 +399,8 @@ def choose_depth(
     if modulus_mpa is not None:
         arches = [one for _, one in best[:_BRACED] if isinstance(one, Arches)]
         braced = [judge.brace(one, modulus_mpa) for one in arches]
-        profile = min(braced, key=judge.read).arches
+        onlooker = onlooker_for(target)
+        profile = min(braced, key=lambda one: judge.show(one, onlooker)).arches
     best_mm = extent_mm
     if steadying is not None and least_mm < extent_mm:
         best_mm = judge.find_extent(profile, least_mm, steadying)

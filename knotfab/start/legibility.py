@@ -17,15 +17,12 @@ from knotfab.base.compiled import compiled
 from knotfab_formats.verdict import FOREIGN_SIGNS
 
 _GRID = 128  # cells on a side of stretched silhouettes, which give an IoU to 0.02
-_INNER, _MARGIN = (
-    12,
-    2,
-)  # cells on a side of a picture's box where pictures are fitted, and around it
-_FINER = 8  # times finer are silhouettes drawn for that
+# cells on a side of a picture's box where pictures are fitted, and of the margin around it
+_INNER, _MARGIN = 12, 2
+_FINER = 8  # how many times finer silhouettes are drawn before they are fitted
 # a map's first change of slope and of place (cells), and how it shrinks from round to round
 _SLOPE, _SHIFT, _SHRINKS, _ROUNDS = 0.12, 0.8, 0.6, 4
-_LEAST_AREA = 0.35  # of what a map may make of an area
-
+_LEAST_AREA = 0.35  # a map may shrink areas to this share at most
 _SAME = 0.85  # a sign that fits the picture itself this well is not foreign
 
 
