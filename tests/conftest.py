@@ -60,8 +60,7 @@ def _keep_modeller() -> Iterator[None]:
             finally:
                 modeller._kept.reset(before)
 
-        for name in ("build", "film"):
-            patch.setattr(f"knotfab.pipeline.{name}.keep_modeller", keep)
+        patch.setattr("knotfab.pipeline.build.keep_modeller", keep)
         patch.setattr("knotfab.pipeline.held.rest_modeller", lambda: None)
         yield
 

@@ -1,77 +1,85 @@
-"""Build a piece: from pictures to a folder with a part that was verified after it was written."""
+"""Build a piece or a sequence: from pictures to a folder of parts, verified after they were written."""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
+from knotfab.base.pool import count_jobs
 from knotfab.base.progress import Progress
 from knotfab.hold.modeller import keep_modeller
-from knotfab.picture.read import read_targets
+from knotfab.picture.frames import count_knots, read_frames
+from knotfab.picture.read import Target, read_targets
 from knotfab.pipeline.verifier import Verifier
 from knotfab.request import Outcome, Request, require_device
+from knotfab.scene.require import require_sequence
 from knotfab_formats.libraries import recording
 
 
 def run_build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Build what was asked: a piece, or a sequence of them; the other way where the first one fails.
-
-    Raises:
-        KnotfabError: with the exit code of its kind; nothing is left half-written.
-    """
-    progress, run = progress or Progress("quiet"), build
-    if request.sequence:
-        from knotfab.pipeline.film import build_sequence as run
+    """Build what was asked, and the other way where it fails and the request has one (`build`)."""
+    progress = progress or Progress("quiet")
     with recording():
         try:
-            return run(request, progress)
+            return build(request, progress)
         except SceneError as error:
             if request.otherwise is None:
                 raise
             why = f"{error.what}: {error.why}"
         progress.say(f"Built again with the slicer's supports, for without them {why}")
-        return run(
+        return build(
             replace(request, scene=request.otherwise, otherwise=None, why_supported=why), progress
         )
 
 
 def build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Build one piece: search, sweep, mount, pose, write, verify, slice, report.
+    """Build a piece, or the frames of a sequence: search, sweep, mount, pose, write, verify, slice, report.
 
-    The folder then holds the files of the contract. A piece that fails a required check is written whole to
+    The folder then holds the files of the contract. What fails a required check is written whole to
     DIR/rejected, and an earlier good result stays as it was.
 
     Raises:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
-    progress = progress or Progress("quiet")
+    progress, film = progress or Progress("quiet"), request.sequence
     require_device(request.device)
-    progress.plan(_usual_seconds(request))
-    with OutputFolder(request.out) as folder:
+    if film:
+        require_sequence(request.scene)
+    else:
+        progress.plan(_usual_seconds(request))
+    with OutputFolder(request.out) as folder, ExitStack() as stack:
         for line in request.preview:
             progress.say(line)
         with progress.stage("picture"):
-            views = request.scene.views
-            targets = list(
-                request.targets or read_targets(request.pictures, views, base=request.base)
-            )
-        with Verifier(request.skip) as verifier:
-            # imported only now, while the validators load in their own processes
-            from knotfab.design.design import design_knots
-            from knotfab.part.slicer import SlicerQueue
-            from knotfab.pipeline.finish import finish_build
-            from knotfab.pipeline.held import Workshop
+            targets = request.targets or _read_pictures(request)
+        asked = request.scene.piece.knots
+        knots = count_knots(targets, asked) if film else asked or targets[0].pieces
+        mounted = request.is_mounted(knots)
+        # frames side by side, each with two processes to verify and one to slice
+        jobs = min(len(targets), max(1, count_jobs() // 2)) if film else 1
+        verifier = stack.enter_context(Verifier(request.skip, jobs=jobs))
+        # imported only now, while the validators load in their own processes
+        from knotfab.part.slicer import SlicerQueue
+        from knotfab.pipeline.finish import finish_build
+        from knotfab.pipeline.held import Workshop, make_piece
 
-            mounted = request.is_mounted(request.scene.count_knots(targets[0].pieces))
-            left, device = request.budget(progress.total, mounted), request.device
-            with SlicerQueue() as slicer, keep_modeller(mounted or "step" in request.also):
-                made = design_knots(request.scene, targets, device, progress, left)
-                shop = Workshop(targets, folder, verifier, slicer, progress)
-                finish = shop.finish_held if request.chooses_holder else shop.finish
-                piece, report = finish(request, made)
-        title = " and ".join(target.shown for target in targets)
-        return finish_build(folder, request, report, title, [piece], progress)
+        make = make_piece
+        if film:
+            from knotfab.pipeline.film import make_film as make
+        slicer = stack.enter_context(SlicerQueue(jobs=jobs))
+        stack.enter_context(keep_modeller(mounted or "step" in request.also))
+        shop = Workshop(targets, folder, verifier, slicer, progress)
+        made = make(shop, request, request.budget(progress.total, mounted), stack)
+        return finish_build(folder, request, *made, progress)
+
+
+def _read_pictures(request: Request) -> tuple[Target, ...]:
+    views, base = request.scene.views, request.base
+    if request.sequence:
+        return read_frames(request.pictures, views[0], base=base)
+    return read_targets(request.pictures, views, base=base)
 
 
 # for one view in draft; progress corrects them by what this machine takes

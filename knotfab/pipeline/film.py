@@ -1,10 +1,10 @@
-"""Build a sequence: a verified part for each frame, the moving shadow as a GIF, and a zoetrope."""
+"""Make a sequence: a part for each frame, the moving shadow as a GIF, and a zoetrope."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,23 +12,20 @@ import numpy as np
 
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
-from knotfab.base.pool import count_jobs
-from knotfab.base.progress import Progress
+from knotfab.design.budget import Budget
 from knotfab.design.design import Design
 from knotfab.design.film import Chain, SequenceFrame
 from knotfab.design.film_motion import measure_motion, outline_motion
 from knotfab.design.film_search import POOR
 from knotfab.design.kept import KeptFrames, keep_for
 from knotfab.design.question import silhouette_polygon
-from knotfab.hold.modeller import keep_modeller
 from knotfab.knots import read_knots
 from knotfab.part.files import About, write_3mf, write_stl
 from knotfab.part.plates import clean_body
-from knotfab.part.slicer import SlicerQueue
 from knotfab.part.slicer_profile import write_profile
 from knotfab.part.write import THUMBNAIL_PX
 from knotfab.part.zoetrope import Zoetrope, build_zoetrope
-from knotfab.picture.frames import count_knots, read_frames, tell_apart
+from knotfab.picture.frames import count_knots, tell_apart
 from knotfab.picture.read import read_target
 from knotfab.pipeline.film_report import (
     Ring,
@@ -37,14 +34,14 @@ from knotfab.pipeline.film_report import (
     check_ring,
     sequence_report,
 )
-from knotfab.pipeline.finish import finish_build, report_piece
+from knotfab.pipeline.finish import report_piece
+from knotfab.pipeline.held import Workshop
 from knotfab.pipeline.piece import WrittenPiece, discard_piece, write_piece
 from knotfab.pipeline.verifier import Files, Verifier
 from knotfab.render.part_picture import draw_part, write_shadows_gif
-from knotfab.request import Outcome, Request, require_device
+from knotfab.request import Request
 from knotfab.scene.load import dump_scene
-from knotfab.scene.require import require_sequence
-from knotfab_formats.report import Motion
+from knotfab_formats.report import Motion, Report
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.verdict import PRINTER, list_unmet
 
@@ -54,94 +51,78 @@ ZOETROPE = "zoetrope"
 _EYE_MM = np.array([[0.0, 400.0, 700.0]])  # the zoetrope is drawn from the front and above
 
 
-def build_sequence(request: Request, progress: Progress | None = None) -> Outcome:
+def make_film(
+    shop: Workshop, request: Request, left: Budget | None, until_written: ExitStack
+) -> tuple[Report, str, list[WrittenPiece]]:
     """Search all frames as the same moving knots, and write and verify each as a part of its own.
 
     Each frame has the files of a single piece, numbered (part-01.stl, …). There are one scene.toml,
     sequence.gif and report, and for print the zoetrope. Each frame has its own mount, the zoetrope none.
-    Frames are verified and sliced while later ones are searched. A sequence that fails a required check is
-    written whole to DIR/rejected.
+    Frames are verified and sliced while later ones are searched.
 
-    Raises:
-        KnotfabError: with the exit code of its kind; nothing is left half-written.
+    Args:
+        until_written: ends with the build, and with it the need for frames kept in case of an interrupt.
+
+    Returns:
+        The report of all, their title, and the frames.
     """
-    progress = progress or Progress("quiet")
-    require_device(request.device)
-    require_sequence(request.scene)
-    with OutputFolder(request.out) as folder:
-        for line in request.preview:
-            progress.say(line)
-        with progress.stage("pictures"):
-            targets = request.targets or read_frames(
-                request.pictures, request.scene.views[0], base=request.base
-            )
-        knots = count_knots(targets, request.scene.piece.knots)
-        if (apart := tell_apart(targets, knots)) is not None:
-            progress.say(apart)
-        if request.printing:
-            write_profile(folder.work, request.scene)
-        kept = keep_for(request.scene, targets, request.device, request.time_budget_s)
-        if len(kept) > 0:
-            progress.say(f"{len(kept)} of {len(targets)} frames were done before, and are kept.")
-        # as many as the machine allows, each with two processes to verify and one to slice
-        jobs = min(len(targets), max(1, count_jobs() // 2))
-        mounted = request.is_mounted(knots)
-        with (
-            _tell_kept(kept, len(targets)),
-            keep_modeller(mounted or "step" in request.also),
-            Verifier(request.skip, jobs=jobs) as verifier,
-            SlicerQueue(jobs=jobs) as slicer,
-        ):
-            left, device = request.budget(progress.total, mounted), request.device
-            chain = Chain(request.scene, targets, device, progress, left, kept)
-            found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
+    folder, progress, targets = shop.folder, shop.progress, shop.targets
+    knots = count_knots(targets, request.scene.piece.knots)
+    if (apart := tell_apart(targets, knots)) is not None:
+        progress.say(apart)
+    if request.printing:
+        write_profile(folder.work, request.scene)
+    kept = until_written.enter_context(_keep_frames(request, shop))
+    chain = Chain(request.scene, targets, request.device, progress, left, kept)
+    found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
 
-            def write(frame: SequenceFrame) -> WrittenPiece:
-                target = targets[frame.number]
-                work = folder, request, verifier, slicer, progress
-                suffix = "-" + target.name.removeprefix("frame-")
-                return write_piece(frame.made, [target], *work, suffix)
+    def write(frame: SequenceFrame) -> WrittenPiece:
+        target = targets[frame.number]
+        work = folder, request, shop.verifier, shop.slicer, progress
+        return write_piece(frame.made, [target], *work, "-" + target.name.removeprefix("frame-"))
 
-            for frame in chain.frames():
-                found[frame.number] = frame, write(frame)
-            for number, (frame, piece) in found.items():
-                with progress.stage("verify"):
-                    _ = piece.verdict
-                found[number] = _retry_failed(chain, frame, piece, write, folder)
-            ordered = [found[number] for number in sorted(found)]
-            frames, pieces = [f for f, _ in ordered], [p for _, p in ordered]
-            write_scene(folder, request.scene, pieces[0].scene)
-            with progress.stage("zoetrope"):
-                ring = _make_ring(folder, pieces, verifier) if request.printing else None
-            reports = [report_piece(piece, folder, request, progress) for piece in pieces]
-            printed = [] if ring is None else check_ring(ring, pieces[0].scene.printer)
-        with progress.stage("motion"):
-            motions = _measure_motions(folder, pieces)
-        loop = request.scene.sequence.loop
-        closing = [check_closing(motions[-1])] if loop else []
-        checks = [check_motion(motions[:-1]), *closing, *printed]
-        with progress.stage("report"):
-            shadows = [folder.file(f"shadow-{t.name}.png") for t in targets]
-            if all(path.is_file() for path in shadows):
-                write_shadows_gif(folder.file(GIF), shadows, loop and motions[-1].held)
-            spun = None if ring is None else ring.spun
-            whole = reports, pieces, frames, motions, checks, spun
-            report = sequence_report(*whole, request, chain.resumed)
-        outcome = finish_build(folder, request, report, "a sequence", pieces, progress)
-        kept.discard()
-        return outcome
+    for frame in chain.frames():
+        found[frame.number] = frame, write(frame)
+    for number, (frame, piece) in found.items():
+        with progress.stage("verify"):
+            _ = piece.verdict
+        found[number] = _retry_failed(chain, frame, piece, write, folder)
+    ordered = [found[number] for number in sorted(found)]
+    frames, pieces = [f for f, _ in ordered], [p for _, p in ordered]
+    write_scene(folder, request.scene, pieces[0].scene)
+    with progress.stage("zoetrope"):
+        ring = _make_ring(folder, pieces, shop.verifier) if request.printing else None
+    reports = [report_piece(piece, folder, request, progress) for piece in pieces]
+    printed = [] if ring is None else check_ring(ring, pieces[0].scene.printer)
+    with progress.stage("motion"):
+        motions = _measure_motions(folder, pieces)
+    loop = request.scene.sequence.loop
+    closing = [check_closing(motions[-1])] if loop else []
+    checks = [check_motion(motions[:-1]), *closing, *printed]
+    with progress.stage("report"):
+        shadows = [folder.file(f"shadow-{t.name}.png") for t in targets]
+        if all(path.is_file() for path in shadows):
+            write_shadows_gif(folder.file(GIF), shadows, loop and motions[-1].held)
+        spun = None if ring is None else ring.spun
+        whole = reports, pieces, frames, motions, checks, spun
+        return sequence_report(*whole, request, chain.resumed), "a sequence", pieces
 
 
 @contextmanager
-def _tell_kept(kept: KeptFrames, count: int) -> Iterator[None]:
-    """On an interrupt, say how many frames the next call need not search again."""
+def _keep_frames(request: Request, shop: Workshop) -> Iterator[KeptFrames]:
+    """Keep the frames that are found until the build has ended well; say on an interrupt how many are."""
+    kept = keep_for(request.scene, shop.targets, request.device, request.time_budget_s)
+    count = len(shop.targets)
+    if len(kept) > 0:
+        shop.progress.say(f"{len(kept)} of {count} frames were done before, and are kept.")
     try:
-        yield
+        yield kept
     except KeyboardInterrupt:
         if len(kept) == 0:
             raise
         said = f"{len(kept)} of {count} frames are searched, and kept for the same call"
         raise KeyboardInterrupt(said) from None
+    kept.discard()
 
 
 def _list_failed(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:

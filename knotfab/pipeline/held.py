@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,8 +15,9 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
+from knotfab.design.budget import Budget
 from knotfab.design.candidates import hours_of_plate, hours_of_tube
-from knotfab.design.design import Design
+from knotfab.design.design import Design, design_knots
 from knotfab.geometry.overhang import Estimate, Strands, estimate
 from knotfab.geometry.tube import join_meshes
 from knotfab.hold.hang import HOLE_MM
@@ -149,6 +151,16 @@ class Workshop:
         if sag is not None and sag.status == "fail":
             return f"it sags {sag.measured:.2g} mm"
         return settled
+
+
+def make_piece(
+    shop: Workshop, request: Request, left: Budget | None, until_written: ExitStack
+) -> tuple[Report, str, list[WrittenPiece]]:
+    """Design one piece and finish it. Returns its report, its title, and itself."""
+    made = design_knots(request.scene, shop.targets, request.device, shop.progress, left)
+    finish = shop.finish_held if request.chooses_holder else shop.finish
+    piece, report = finish(request, made)
+    return report, " and ".join(target.shown for target in shop.targets), [piece]
 
 
 def _shows(settled: Settled) -> float:

@@ -20,7 +20,8 @@ from PIL import Image, ImageDraw
 from reports import check_of, report_with
 
 from knotfab.part.slicer_process import REMEDY, find_slicer
-from knotfab.pipeline.film import _retry_failed, build_sequence
+from knotfab.pipeline.build import build
+from knotfab.pipeline.film import _retry_failed
 from knotfab.pipeline.film_report import _merge_effects, advise, check_closing, check_motion
 from knotfab.request import Outcome, Request
 from knotfab.scene.catalogue import resolve
@@ -72,11 +73,12 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         folder / "out",
         base=folder,
         printing=True,
+        sequence=True,
         command="test",
         also=frozenset({"svg", "dxf", "step"}),
         skip=frozenset({"shadow-render"}),  # the exact polygons decide
     )
-    return build_sequence(request)
+    return build(request)
 
 
 def _points(folder: Path, number: int) -> np.ndarray:
