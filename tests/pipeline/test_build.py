@@ -16,7 +16,7 @@ from command import Done, knotfab
 from numpy.typing import NDArray
 from PIL import Image
 
-import knotfab.design.design as designing
+import knotfab.pipeline.held as finishing
 from knotfab.design.design import Design
 from knotfab.report.summary import CHECKS
 from knotfab_formats.search import PRESETS
@@ -52,9 +52,9 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
         designs.append(original(*arguments))
         return designs[-1]
 
-    original = designing.design_knots
+    original = finishing.design_knots
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(designing, "design_knots", design)
+        patch.setattr(finishing, "design_knots", design)
         call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
         # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
         bare = "--print", "--mount", "none", "--supports", "slicer", "--skip", "slicer"
@@ -66,7 +66,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
 @pytest.fixture
 def designed(good: Good, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A build whose search is done already: only what follows it runs."""
-    monkeypatch.setattr(designing, "design_knots", lambda *arguments: good.design)
+    monkeypatch.setattr(finishing, "design_knots", lambda *arguments: good.design)
     return ["build", "text:♥"]
 
 
@@ -234,7 +234,7 @@ def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
         made = good.design.scene
         return replace(good.design, scene=made.but(mount=scene.mount, pose=scene.pose))
 
-    monkeypatch.setattr(designing, "design_knots", design)
+    monkeypatch.setattr(finishing, "design_knots", design)
     out, again = tmp_path / "out", tmp_path / "again"
     call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft", "--print"]
     call += ["--skip", "slicer", "--skip", "shadow-render", "--quiet"]
@@ -274,7 +274,7 @@ def test_what_does_not_print_without_supports_is_built_again_with_them(
         piece = good.design.scene.piece.but(supports=ways[-1])
         return replace(good.design, scene=good.design.scene.but(piece=piece))
 
-    monkeypatch.setattr(designing, "design_knots", design)
+    monkeypatch.setattr(finishing, "design_knots", design)
     out = tmp_path / "out"
     call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
     way = "--print", "--mount", "none", "--supports", "auto"
@@ -349,7 +349,7 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     asked = good.design.scene
     strict = asked.accuracy.model_copy(update={"iou_floor": 0.9999})
     stricter = replace(good.design, scene=asked.model_copy(update={"accuracy": strict}))
-    monkeypatch.setattr(designing, "design_knots", lambda *arguments: stricter)
+    monkeypatch.setattr(finishing, "design_knots", lambda *arguments: stricter)
     out = tmp_path / "out"
     shutil.copytree(good.folder, out)
     before = contents(out)

@@ -189,6 +189,7 @@ def test_an_interrupted_batch_ends_its_builds_and_goes_on_later(
     waiting = time.monotonic() + 60
     while not (played / "b.runs").exists() and time.monotonic() < waiting:
         time.sleep(0.05)
+    time.sleep(1.0)  # b begins while the record of a is on its way
     child.send_signal(signal.SIGINT)
     child.communicate(timeout=50)
     records = json.loads((tmp_path / "out" / "batch.json").read_text())
