@@ -152,7 +152,13 @@ def apply_bending(view: View, target: Target) -> Target:
             f"; bent by {bending.rms:.1%} of its height on average and {bending.most:.1%} at most"
         )
     return replace(
-        target, mask=drawn, original=target.asked, widened=judged, rule=rule, bending=bending
+        target,
+        mask=drawn,
+        original=target.asked,
+        widened=judged,
+        rule=rule,
+        bending=bending,
+        letters=() if view.mirrored else target.letters,
     )
 
 

@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Sequence
 
+from shapely import Polygon
+
 from knotfab.design.candidates import PICTURE
 from knotfab.design.small import Found
 from knotfab.design.survey import SPILL, Survey, ViewSurvey
@@ -81,8 +83,8 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     beside = f", and {spill:.0%} as much beside it" if spill >= SPILL else ""
     if not lost:
         return f"{text}draws all of it{beside}."
-    letters = seen.target.letters_at(loss.at[0] for loss in lost)
-    whose = f"it ({letters})" if len(seen.target.letters) > 1 else "it"
+    letters = seen.target.letters_at(loss.at for loss in lost)
+    whose = f"it ({letters})" if letters and len(seen.target.letters) > 1 else "it"
     text += f"loses {with_noun(len(lost), 'part')} of {whose}; "
     text += f"the longest is {_describe_loss(lost[0], seen)}."
     if seen.whole_mm is not None and seen.whole_mm < found.radius_mm:
@@ -145,18 +147,22 @@ def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
             spelt = seen.target.is_text and any(sign.isalnum() for sign in seen.target.shown)
             noun = "letter" if spelt or is_row(pieces) else "small piece"
             words.append(with_noun(len(pieces), noun))
-            middle, per_px = (
-                0.5 * seen.target.mask.shape[1],
-                seen.wall_mm_per_px / seen.view.magnification,
-            )
-            letters = seen.target.letters_at(p.centroid.x / per_px + middle for p in pieces)
-            words[-1] += f" ({letters})" if letters and spelt else ""
+            letters = seen.target.letters_at(_to_mask(p, seen) for p in pieces)
+            words[-1] += f" ({letters})" if letters and (spelt or not seen.target.is_text) else ""
         if holes:
             words.append(with_noun(len(holes), "small hole"))
         if words:
             wide = max(one.extent for one in own) * seen.view.magnification
             named.append(f"{' and '.join(words)} of {seen.target.shown} (up to {wide:.1f} mm)")
     return ", ".join(named), "it" if len(parts) == 1 else "them"
+
+
+def _to_mask(piece: Polygon, seen: ViewSurvey) -> tuple[float, float]:
+    """Convert the middle of a small part, mm, to a point of the picture's mask, px."""
+    height, width = seen.target.mask.shape
+    up = piece.centroid.y - seen.view.frame_up_mm / seen.view.magnification
+    across, down = seen.px_per_mm * piece.centroid.x, -seen.px_per_mm * up
+    return 0.5 * (width - 1) + across, 0.5 * (height - 1) + down
 
 
 def _hours_more(found: Survey) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import subprocess
 import unicodedata
@@ -28,6 +29,11 @@ _SUPPLIED = (
     "STIXSizOneSymReg",
 )
 _SIZE = 1000  # points at 72 dpi, so outlines come in thousandths of an em
+STYLES = "\ufe0e\ufe0f"  # signs that choose between styles of a glyph
+# Scripts with joining letters: Brahmic, Thai to Tibetan, Korean, Khmer, Mongolian, further blocks.
+_JOINED = re.compile(
+    "[\u0900-\u11ff\u1780-\u1cff\ua800-\uabff\U00010a00-\U00011fff\U0001e900-\U0001e95f]"
+)
 _PLAIN = ("regular", "book", "roman", "normal")
 
 
@@ -179,3 +185,13 @@ def _ask_fontconfig(form: str, pattern: str) -> list[str]:
     except (OSError, subprocess.TimeoutExpired):
         return []
     return [line for line in said.splitlines() if line]
+
+
+def needs_shaping(text: str) -> bool:
+    """Return whether glyphs depend on their neighbours, run from right to left, or carry marks."""
+    return any(
+        _JOINED.match(c)
+        or unicodedata.bidirectional(c) in ("R", "AL", "AN")
+        or (unicodedata.category(c) in ("Mn", "Mc") and c not in STYLES)
+        for c in text
+    )

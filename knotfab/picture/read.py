@@ -35,6 +35,7 @@ from knotfab.picture.source import (
     read_source,
 )
 from knotfab.picture.subject import take_subject
+from knotfab.picture.svg.letters import Letter
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError, shown
@@ -47,6 +48,9 @@ MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
 _MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name: file systems hold it with prefixes and suffixes
 # frames of an animation, and px of all of them, searched for the first with a shape: some 8 CPU s
 _MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
+_MOST_NAMED = 12  # letters in one sentence
+# how far from a letter's box its parts may lie: in its longer sides, and at least in the masks' longer sides
+_BESIDE, _LEAST_BESIDE = 0.25, 0.01
 _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 
 
@@ -92,7 +96,7 @@ class Target(InNotebook):
     bending: Bending | None = None
     draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
     is_text: bool = False  # whether it is text, which must not be mirrored
-    letters: tuple[tuple[str, float, float], ...] = ()  # what `text.find_letters` found in a text
+    letters: tuple[Letter, ...] = ()  # of a text or an SVG's text, in shares of the masks' sides
     notes: tuple[str, ...] = ()
     ink: str | None = None
     threshold: float | None = None
@@ -112,21 +116,33 @@ class Target(InNotebook):
         x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
         return x, y
 
-    def letters_at(self, columns: Iterable[float]) -> str:
-        """Name the letters of a text at these columns of the masks: "A and P"; "" of any other picture."""
-        if not self.letters:
-            return ""
-        ink = np.flatnonzero(self.mask.any(axis=0))
-        shares = [(column - ink[0]) / max(ink[-1] - ink[0], 1) for column in columns]
-        found = {
-            min(
-                range(len(self.letters)),
-                key=lambda k: max(self.letters[k][1] - s, s - self.letters[k][2]),
-            )
-            for s in shares
-        }
-        *others, last = [self.letters[k][0] for k in sorted(found)]
-        return f"{', '.join(others)} and {last}" if others else last
+    def letters_at(self, places: Iterable[tuple[float, float]]) -> str:
+        """Name the letters at these points of the masks: "A and P"; "" where there are none.
+
+        Where some points are beside the text, the names end in "among them".
+        """
+        found = [self._letter_at(place) for place in places]
+        names = list(
+            dict(sorted((letter.number, letter.name) for letter in found if letter)).values()
+        )
+        if len(names) > _MOST_NAMED:
+            names[_MOST_NAMED:] = [f"{len(names) - _MOST_NAMED} more"]
+        *others, last = names or [""]
+        told = f"{', '.join(others)} and {last}" if others else last
+        return f"{told} among them" if told and None in found else told
+
+    def _letter_at(self, place: tuple[float, float]) -> Letter | None:
+        """Return the letter nearest to a point of the masks, if it is near enough."""
+        at, size = np.array(place) + 0.5, np.array(self.mask.shape[::-1])
+
+        def away(letter: Letter) -> tuple[float, float]:
+            box = np.reshape(letter[2:], (2, 2)) * size
+            beside = np.hypot(*np.maximum(np.maximum(box[0] - at, at - box[1]), 0.0))
+            reach = max(_BESIDE * (box[1] - box[0]).max(), _LEAST_BESIDE * size.max())
+            return max(float(beside - reach), 0.0), float(np.hypot(*(at - box.mean(axis=0))))
+
+        nearest = min(self.letters, key=away, default=None)
+        return nearest if nearest and away(nearest)[0] == 0.0 else None
 
     @cached_property
     def pieces(self) -> int:
@@ -219,13 +235,17 @@ def _read_target(
         drawn = text.render_text(content, font)
         name = name_picture(source)
         target = _take_target(drawn, what, name, "", reading, glance, base or Path())
-        letters = text.find_letters(content, font)
+        begin, end = (np.flatnonzero(target.mask.any(axis=0))[[0, -1]] + 0.5) / target.width
+        letters = tuple(
+            Letter(k, sign, begin + left * (end - begin), 0.0, begin + right * (end - begin), 1.0)
+            for k, (sign, left, right) in enumerate(text.find_letters(content, font))
+        )
         return replace(target, is_text=True, letters=letters, title=_titled(content.strip()))
     data, path = read_source(source, base)
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
-        png, notes = render_svg(data, what)
+        png, notes, letters = render_svg(data, what)
         try:
             target = _take_target(png, what, name, "", reading, glance, path.parent)
         except InputError as error:
@@ -233,7 +253,21 @@ def _read_target(
                 raise
             why = f"as it is drawn, {error.why} ({'; '.join(notes)})"
             raise InputError(what, why, error.remedy) from error
-        return replace(target, notes=notes + target.notes, title=_titled(path.stem))
+        left, top = target.crop_px[:2] if target.crop_px else (0, 0)
+        wide, high = target.width * target.shrunk, target.height * target.shrunk
+        there = tuple(
+            Letter(
+                letter.number,
+                letter.name,
+                (letter.left - left) / wide,
+                (letter.top - top) / high,
+                (letter.right - left) / wide,
+                (letter.bottom - top) / high,
+            )
+            for letter in letters
+        )
+        title = _titled(path.stem)
+        return replace(target, notes=notes + target.notes, letters=there, title=title)
     found = _take_target(data, what, name, suffix, reading, glance, path.parent)
     return replace(found, title=_titled(path.stem))
 
@@ -260,7 +294,7 @@ def _read_image(source: str | Path, base: Path | None) -> Image.Image:
         data, path = read_source(source, base)
         drawn = path.suffix.lower() in _DRAWN or looks_like_svg(data)
         if not raster.looks_like_raster(data) and drawn:
-            data, _ = render_svg(data, what)
+            data = render_svg(data, what)[0]
     return raster.to_plain(raster.decode(data, what)[0])
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import struct
 import unicodedata
 import zlib
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.picture.fonts import find_font, load_font, supply_fonts
+from knotfab.picture.fonts import STYLES, find_font, load_font, needs_shaping, supply_fonts
 from knotfab.picture.raster import MARGIN
 from knotfab.picture.svg.render import LONGER_SIDE, render
 from knotfab_formats.errors import InputError
@@ -27,11 +26,6 @@ _EM = 1000  # units to a letter's height
 _LONGEST = 200  # most characters
 
 
-_STYLES = "\ufe0e\ufe0f"
-# Scripts with joining letters: Brahmic, Thai to Tibetan, Korean, Khmer, Mongolian, further blocks.
-_JOINED = re.compile(
-    "[\u0900-\u11ff\u1780-\u1cff\ua800-\uabff\U00010a00-\U00011fff\U0001e900-\U0001e95f]"
-)
 _RIGHT_TO_LEFT, _END = "\u2067", "\u2069"  # an isolate of that direction (Unicode Annex 9)
 _UNDRAWN = ("Cc", "Cf", "Zs")
 
@@ -63,7 +57,7 @@ def outline_text(text: str, font: str | None = None) -> Outline:
     """
     what = _name(text)
     # Variation selectors and joiners choose between styles of a glyph; these fonts have one.
-    drawn = [c for c in text if c not in f"{_STYLES}\u200d"]
+    drawn = [c for c in text if c not in f"{STYLES}\u200d"]
     from matplotlib.ft2font import Kerning, LoadFlags
 
     flags = LoadFlags.NO_HINTING | LoadFlags.NO_BITMAP
@@ -129,16 +123,6 @@ def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
     return " ".join(data)
 
 
-def needs_shaping(text: str) -> bool:
-    """Return whether glyphs depend on their neighbours, run from right to left, or carry marks."""
-    return any(
-        _JOINED.match(c)
-        or unicodedata.bidirectional(c) in ("R", "AL", "AN")
-        or (unicodedata.category(c) in ("Mn", "Mc") and c not in _STYLES)
-        for c in text
-    )
-
-
 def _name(text: str) -> str:
     return "text:" + "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
@@ -149,7 +133,7 @@ def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box
     Raises:
         InputError: no ink, no such font, or a character that no font has.
     """
-    drawn = "".join(c for c in text if c not in _STYLES)
+    drawn = "".join(c for c in text if c not in STYLES)
     fonts = supply_fonts(font)
     files = [
         find_font(c, fonts, _name(text)) for c in drawn if unicodedata.category(c) not in _UNDRAWN

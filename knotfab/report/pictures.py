@@ -18,12 +18,11 @@ from knotfab.design.survey import SPILL, Survey, ViewSurvey
 from knotfab.geometry.polylines import polylines_of
 from knotfab.hold.mount import Mounted
 from knotfab.knots import Knots
-from knotfab.picture.fonts import supplied_folder
+from knotfab.picture.fonts import needs_shaping, supplied_folder
 from knotfab.picture.opening import Loss
 from knotfab.picture.raster import encode_image
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
-from knotfab.picture.text import needs_shaping
 from knotfab.render.image import image_at
 from knotfab.render.pages import length
 from knotfab.render.part_picture import turn_upright, write_gif

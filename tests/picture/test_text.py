@@ -16,7 +16,7 @@ from fontTools.ttLib.tables._g_l_y_f import Glyph
 from PIL import Image
 
 from knotfab.picture import fonts
-from knotfab.picture.read import read_target
+from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import holes_of, mask_iou, pieces_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.views import Reading
@@ -237,20 +237,68 @@ def test_the_picture_that_is_kept_gives_the_text_again(tmp_path: Path) -> None:
     assert np.array_equal(read_target(kept).mask, target.mask)
 
 
+def middles_of(target: Target) -> list[tuple[float, float]]:
+    """Return the middle of each piece, from left to right."""
+    labels, _ = pieces_of(target.mask)
+    found = [np.argwhere(labels == k).mean(axis=0) for k in range(1, labels.max() + 1)]
+    return sorted((float(column), float(row)) for row, column in found)
+
+
 @pytest.mark.parametrize("word", ["ALPEN", "Riesling", "i j", "Öl", "A"])
 def test_what_a_tube_loses_of_a_word_is_told_by_letter(word: str) -> None:
     target = read_target(f"text:{word}")
-    labels, _ = pieces_of(target.mask)
-    columns = [np.flatnonzero((labels == k).any(axis=0)) for k in range(1, labels.max() + 1)]
+    middles = middles_of(target)
     drawn = [sign for sign in word if not sign.isspace()]
-    named = [target.letters_at([column.mean()]) for column in columns]  # the dot of an i too
+    named = [target.letters_at([middle]) for middle in middles]  # the dot of an i too
     assert sorted(set(named)) == sorted(set(drawn))
-    assert (
-        target.letters_at(column.mean() for column in columns).replace(" and", ",").split(", ")
-        == drawn
-    )
+    assert target.letters_at(middles).replace(" and", ",").split(", ") == drawn
 
 
 @pytest.mark.parametrize("source", ["text:مم", "text:א l"])
 def test_letters_that_hang_together_have_no_names(source: str) -> None:
-    assert read_target(source).letters_at([100.0]) == ""
+    assert read_target(source).letters_at([(100.0, 100.0)]) == ""
+
+
+# Letters of an SVG's text, by where they lie.
+
+WORD = '<text x="5" y="60" font-size="24" {}>{}</text>'
+DISC = '<circle cx="50" cy="20" r="9"/>'
+LETTERS = {
+    "a word": (WORD.format("", "Oh AV"), "O, h, A and V"),
+    "in spans": (
+        WORD.format("", 'O<tspan fill="red">h</tspan> <tspan dy="9">A</tspan>\n V'),
+        "O, h, A and V",
+    ),
+    "turned": (f'<g transform="rotate(30 50 50)">{WORD.format("", "OAVE")}</g>', "O, A, V and E"),
+    "each at its place": (WORD.format('rotate="9 20" dx="9 20 5"', "OhV"), "O, h and V"),
+    "on a curve": (
+        '<defs><path id="p" d="M5 60Q50 20 95 60"/></defs>'
+        '<text font-size="24"><textPath href="#p">OhAV</textPath></text>',
+        "O, h, A and V",
+    ),
+    "used twice": (
+        f'<defs><g id="t">{WORD.format("", "OA")}</g></defs><use href="#t"/><use href="#t" x="45" y="25"/>',
+        "O and A",
+    ),
+    "of some opacity": (
+        f"<style>text{{fill:red;opacity:.6}}</style>{WORD.format('', 'OA')}",
+        "O and A",
+    ),
+    "beside a disc": (DISC + WORD.format("", "OA"), "O and A among them"),
+    "a disc alone": (DISC, ""),
+    "of a given width": (WORD.format('textLength="80"', "OhA"), "“OhA”"),
+    "joined": (WORD.format("", "\u0645\u0645"), "“\u0645\u0645”"),
+    "a long text": (
+        WORD.format('style="font-size:6px"', "ABCDEFGHIJKLMNO"),
+        "A, B, C, D, E, F, G, H, I, J, K, L and 3 more",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", LETTERS)
+def test_letters_of_a_drawing_are_told(tmp_path: Path, kind: str) -> None:
+    body, names = LETTERS[kind]
+    path = tmp_path / "drawing.svg"
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 100 100">{body}</svg>')
+    target = read_target(path)
+    assert target.letters_at(middles_of(target)) == names

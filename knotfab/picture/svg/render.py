@@ -21,11 +21,13 @@ from knotfab.picture.fonts import find_family, find_font, supplied_folder, suppl
 from knotfab.picture.raster import LARGEST_SIDE, SMALLEST_SIDE
 from knotfab.picture.svg.clean import clean, refuse_symbols
 from knotfab.picture.svg.css import CSS_DPI, set_pixel_size
+from knotfab.picture.svg.letters import UNDRAWN, Letter, colour_letters, find_boxes
 from knotfab.picture.svg.xml import SVG, parse_svg
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.libraries import took_part
 
 LONGER_SIDE = 2048  # px of the drawn picture
+_LETTERS_SIDE = 1024  # px of the drawing in which letters are looked for
 
 Notes = dict[str, None]  # sentences, in their order
 
@@ -39,7 +41,7 @@ _FONTS = {
 }
 
 
-def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...]]:
+def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...], tuple[Letter, ...]]:
     """Draw an SVG file as a canonical PNG.
 
     Args:
@@ -48,25 +50,31 @@ def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...]]:
 
     Returns:
         An RGBA PNG, the longer side 2048 px (more only where the shorter would fall below 16 px),
-        the aspect ratio kept, transparent where nothing is drawn; and, a sentence each, what was left out
-        or guessed.
+        the aspect ratio kept, transparent where nothing is drawn; a sentence each, what was left out or
+        guessed; and the letters of its text, with their boxes in px.
 
     Raises:
         InputError: anything but a harmless SVG that can be rendered; it names the element.
     """
     notes: Notes = {}
+    letters: list[Letter] = []
     try:
-        png = _render(data, what, notes, _NESTED)
+        png = _render(data, what, notes, _NESTED, letters)
     except RecursionError as error:
         raise InputError(
             what, "its style sheet is nested too deep", "Save it as a plain SVG, or as a PNG."
         ) from error
     told = [" ".join(shown(note).split()) for note in notes]
     more = len(told) - _MOST_NOTES
-    return png, (*told[:_MOST_NOTES], *([f"and {more} more of these"] if more > 0 else []))
+    notes_told = (*told[:_MOST_NOTES], *([f"and {more} more of these"] if more > 0 else []))
+    return png, notes_told, tuple(letters)
 
 
-def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
+def _render(
+    data: bytes, what: str, notes: Notes, nested: int, letters: list[Letter] | None = None
+) -> bytes:
+    """Draw an SVG file; `notes` and, unless they are None, `letters` are added to."""
+
     def draw(inner: bytes, name: str) -> bytes:
         if nested == 0:
             raise InputError(
@@ -87,7 +95,39 @@ def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
     files = fonts.list_files(what) if fonts.needed else None
     notes.update(fonts.notes | styles.notes)
     # Rendered from the tree that was checked: no second parser sees the original bytes.
-    return render(tostring(root, encoding="unicode"), what, files=files, background=styles.page)
+    png = render(tostring(root, encoding="unicode"), what, files=files, background=styles.page)
+    if files is not None and letters is not None:
+        letters += _find_letters(root, png, what, files)
+    return png
+
+
+def _find_letters(
+    root: Element, png: bytes, what: str, files: tuple[str, ...]
+) -> tuple[Letter, ...]:
+    """Find the letters of a drawing's text, in px of its picture."""
+    coloured, names = colour_letters(root)
+    drawn = draw_svg(
+        tostring(coloured, encoding="unicode"),
+        what,
+        width=_LETTERS_SIDE,
+        height=_LETTERS_SIDE,
+        dpi=CSS_DPI,
+        text_rendering="optimize_speed",  # no mixed colours
+        **_fonts_of(files),
+    )
+    return find_boxes(drawn, names, max(_sides_px(png)) / max(_sides_px(drawn)))
+
+
+def _sides_px(png: bytes) -> tuple[int, int]:
+    """Read the width and height from a PNG's header."""
+    width, height = struct.unpack(">II", png[16:24])
+    return width, height
+
+
+def _fonts_of(files: tuple[str, ...]) -> dict[str, Any]:
+    """Return the renderer's options for text in these fonts and the bundled ones."""
+    fonts = {"font_dirs": [supplied_folder()], "font_files": list(files)}
+    return {"skip_system_fonts": True} | _FONTS | fonts
 
 
 def render(
@@ -101,12 +141,12 @@ def render(
     """
     options: dict[str, Any] = {"skip_system_fonts": True, "background": background}
     if files is not None:
-        options |= _FONTS | {"font_dirs": [supplied_folder()], "font_files": list(files)}
+        options |= _fonts_of(files)
     for side in (LONGER_SIDE, LARGEST_SIDE):
         # without a resolution resvg takes every length in mm, pt, in, ... for nothing; given both sides, it
         # keeps the aspect ratio
         png = draw_svg(svg, what, width=side, height=side, dpi=CSS_DPI, **options)
-        if min(struct.unpack(">II", png[16:24])) >= SMALLEST_SIDE:  # width and height in the header
+        if min(_sides_px(png)) >= SMALLEST_SIDE:
             break
     return png
 
@@ -188,8 +228,6 @@ _GENERIC = {
     **dict.fromkeys(("monospace", "ui-monospace"), _MONO),
     **dict.fromkeys(("sans-serif", "ui-sans-serif", "system-ui", "inherit", "initial"), _SANS),
 }
-# Unicode categories without a glyph of their own: controls, separators, marks
-_UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
 
 
 class TextFonts:
@@ -243,7 +281,7 @@ class TextFonts:
                     element.text = f"\u2067{element.text}\u2069"
         supplied = (*self._files, *supply_fonts(None))
         for character in dict.fromkeys(self._said):
-            if unicodedata.category(character) not in _UNDRAWN:
+            if unicodedata.category(character) not in UNDRAWN:
                 path = find_font(character, supplied, what)
                 if path not in supplied:
                     self._files[path] = None
