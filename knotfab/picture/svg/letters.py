@@ -10,7 +10,6 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 from PIL import Image
-from scipy.ndimage import find_objects, label
 
 from knotfab.picture.fonts import needs_shaping
 from knotfab.picture.svg.xml import SVG
@@ -73,6 +72,8 @@ def colour_letters(drawing: Element) -> tuple[Element, list[str]]:
 
 def find_boxes(png: bytes, names: list[str], enlarged: float) -> tuple[Letter, ...]:
     """Find the boxes of what `colour_letters` coloured, times `enlarged`, one for each connected part."""
+    from scipy.ndimage import find_objects, label  # light calls read no letters
+
     with Image.open(io.BytesIO(png)) as image:
         drawn = np.asarray(image.convert("RGBA"))
     digits = np.minimum(np.rint(drawn[..., :3] / _STEP).astype(int), _BASE - 1)
