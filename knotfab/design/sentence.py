@@ -6,11 +6,12 @@ import math
 import re
 from collections.abc import Sequence
 
-from shapely import Polygon
+import numpy as np
 
 from knotfab.design.candidates import PICTURE
 from knotfab.design.small import Found
 from knotfab.design.survey import SPILL, Survey, ViewSurvey
+from knotfab.design.walls import to_pixels
 from knotfab.picture.doubt import write_options
 from knotfab.picture.opening import Loss, is_row
 from knotfab.picture.read import Target
@@ -147,7 +148,9 @@ def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
             spelt = seen.target.is_text and any(sign.isalnum() for sign in seen.target.shown)
             noun = "letter" if spelt or is_row(pieces) else "small piece"
             words.append(with_noun(len(pieces), noun))
-            letters = seen.target.letters_at(_to_mask(p, seen) for p in pieces)
+            middles = [(piece.centroid.x, piece.centroid.y) for piece in pieces]
+            on_wall = seen.view.magnification * np.array(middles)
+            letters = seen.target.letters_at(to_pixels(seen.view, seen.target, on_wall).tolist())
             words[-1] += f" ({letters})" if letters and (spelt or not seen.target.is_text) else ""
         if holes:
             words.append(with_noun(len(holes), "small hole"))
@@ -155,14 +158,6 @@ def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
             wide = max(one.extent for one in own) * seen.view.magnification
             named.append(f"{' and '.join(words)} of {seen.target.shown} (up to {wide:.1f} mm)")
     return ", ".join(named), "it" if len(parts) == 1 else "them"
-
-
-def _to_mask(piece: Polygon, seen: ViewSurvey) -> tuple[float, float]:
-    """Convert the middle of a small part, mm, to a point of the picture's mask, px."""
-    height, width = seen.target.mask.shape
-    up = piece.centroid.y - seen.view.frame_up_mm / seen.view.magnification
-    across, down = seen.px_per_mm * piece.centroid.x, -seen.px_per_mm * up
-    return 0.5 * (width - 1) + across, 0.5 * (height - 1) + down
 
 
 def _hours_more(found: Survey) -> str:

@@ -53,7 +53,7 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
         np.arange(target.height, dtype=float)[:, None],
     )
     top, bottom = (
-        _to_pixels(view, target, wall.unroll(_to_wall(view, target, ends)))
+        to_pixels(view, target, wall.unroll(_to_wall(view, target, ends)))
         for ends in (np.column_stack([columns, np.full_like(columns, row)]) for row in (0.0, 1.0))
     )
     # each column maps linearly, so two of its places suffice
@@ -108,7 +108,7 @@ def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> Non
 
 def _to_flat(view: ResolvedView, wall: CurvedWall, target: Target, pixels: Array) -> Array:
     """Map pixels (n, 2) of the round wall's picture to the flat wall's."""
-    return _to_pixels(view, target, wall.flatten(_to_wall(view, target, pixels)))
+    return to_pixels(view, target, wall.flatten(_to_wall(view, target, pixels)))
 
 
 def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
@@ -119,8 +119,8 @@ def _to_wall(view: ResolvedView, target: Target, pixels: Array) -> Array:
     return np.column_stack([right, view.frame_up_mm - down])
 
 
-def _to_pixels(view: ResolvedView, target: Target, places: Array) -> Array:
-    """Invert `_to_wall`."""
+def to_pixels(view: ResolvedView, target: Target, places: Array) -> Array:
+    """Map places (n, 2) on the wall, mm right of and above its middle, to pixels; inverts `_to_wall`."""
     wide, high = view.frame_mm
     across = places[:, 0] * target.width / wide + (target.width - 1) / 2
     down = (view.frame_up_mm - places[:, 1]) * target.height / high + (target.height - 1) / 2

@@ -96,7 +96,7 @@ class Target(InNotebook):
     bending: Bending | None = None
     draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
     is_text: bool = False  # whether it is text, which must not be mirrored
-    letters: tuple[Letter, ...] = ()  # of a text or an SVG's text, in shares of the masks' sides
+    letters: tuple[Letter, ...] = ()  # of its text; their boxes are shares of the masks' sides
     notes: tuple[str, ...] = ()
     ink: str | None = None
     threshold: float | None = None
@@ -116,7 +116,7 @@ class Target(InNotebook):
         x, y = ((c + 0.5) * self.shrunk - 0.5 for c in at)
         return x, y
 
-    def letters_at(self, places: Iterable[tuple[float, float]]) -> str:
+    def letters_at(self, places: Iterable[Sequence[float]]) -> str:
         """Name the letters at these points of the masks: "A and P"; "" where there are none.
 
         Where some points are beside the text, the names end in "among them".
@@ -131,7 +131,7 @@ class Target(InNotebook):
         told = f"{', '.join(others)} and {last}" if others else last
         return f"{told} among them" if told and None in found else told
 
-    def _letter_at(self, place: tuple[float, float]) -> Letter | None:
+    def _letter_at(self, place: Sequence[float]) -> Letter | None:
         """Return the letter nearest to a point of the masks, if it is near enough."""
         at, size = np.array(place) + 0.5, np.array(self.mask.shape[::-1])
 
@@ -256,15 +256,8 @@ def _read_target(
         left, top = target.crop_px[:2] if target.crop_px else (0, 0)
         wide, high = target.width * target.shrunk, target.height * target.shrunk
         there = tuple(
-            Letter(
-                letter.number,
-                letter.name,
-                (letter.left - left) / wide,
-                (letter.top - top) / high,
-                (letter.right - left) / wide,
-                (letter.bottom - top) / high,
-            )
-            for letter in letters
+            Letter(number, name, *((np.reshape(box, (2, 2)) - (left, top)) / (wide, high)).flat)
+            for number, name, *box in letters
         )
         title = _titled(path.stem)
         return replace(target, notes=notes + target.notes, letters=there, title=title)

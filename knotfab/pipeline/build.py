@@ -54,8 +54,12 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
             progress.say(line)
         with progress.stage("picture"):
             targets = request.targets or _read_pictures(request)
-        asked = request.scene.piece.knots
-        knots = count_knots(targets, asked) if film else asked or targets[0].pieces
+        scene = request.scene
+        knots = (
+            count_knots(targets, scene.piece.knots)
+            if film
+            else scene.count_knots(targets[0].pieces)
+        )
         mounted = request.is_mounted(knots)
         # frames side by side, each with two processes to verify and one to slice
         jobs = min(len(targets), max(1, count_jobs() // 2)) if film else 1
@@ -65,13 +69,16 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         from knotfab.pipeline.finish import finish_build
         from knotfab.pipeline.held import Workshop, make_piece
 
-        make = make_piece
-        if film:
-            from knotfab.pipeline.film import make_film as make
         slicer = stack.enter_context(SlicerQueue(jobs=jobs))
         stack.enter_context(keep_modeller(mounted or "step" in request.also))
         shop = Workshop(targets, folder, verifier, slicer, progress)
-        made = make(shop, request, request.budget(progress.total, mounted), stack)
+        left = request.budget(progress.total, mounted)
+        if film:
+            from knotfab.pipeline.film import make_film
+
+            made = make_film(shop, request, left, until_written=stack)
+        else:
+            made = make_piece(shop, request, left)
         return finish_build(folder, request, *made, progress)
 
 

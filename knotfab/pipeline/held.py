@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -154,7 +153,7 @@ class Workshop:
 
 
 def make_piece(
-    shop: Workshop, request: Request, left: Budget | None, until_written: ExitStack
+    shop: Workshop, request: Request, left: Budget | None
 ) -> tuple[Report, str, list[WrittenPiece]]:
     """Design one piece and finish it. Returns its report, its title, and itself."""
     made = design_knots(request.scene, shop.targets, request.device, shop.progress, left)

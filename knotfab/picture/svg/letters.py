@@ -12,22 +12,17 @@ import numpy as np
 from PIL import Image
 
 from knotfab.picture.fonts import needs_shaping
-from knotfab.picture.svg.xml import SVG
+from knotfab.picture.svg.xml import SVG, local_name
 
 # Unicode categories without a glyph of their own: controls, separators, marks
 UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
 
 _STEP, _BASE = 36, 8  # levels of a channel are so far apart that no opacity mixes them up
 _MOST = _BASE**3 - 2  # the first colour is black, the last nearly white: drawings have both
-_LEAST_PX = 3  # of a component; smaller ones are where two letters touch
+_LEAST_PX = 3  # parts of fewer pixels are where two letters touch
 _LONGEST = 20  # signs of a text that is named as a whole
-_OTHERS = (
-    "clipPath",
-    "mask",
-    "pattern",
-    "filter",
-    "marker",
-)  # what they hold is never drawn itself
+# elements whose content shapes or paints others, and is not drawn where it stands
+_OTHERS = ("clipPath", "mask", "pattern", "filter", "marker")
 
 
 class Letter(NamedTuple):
@@ -100,7 +95,7 @@ def find_boxes(png: bytes, names: list[str], enlarged: float) -> tuple[Letter, .
 
 def _hide(element: Element) -> None:
     """Hide all but texts, and leave alone what only shapes others."""
-    name = element.tag.removeprefix(f"{{{SVG}}}")
+    name = local_name(element)
     if name in _OTHERS:
         return
     element.set("visibility", "visible" if name == "text" else "hidden")
@@ -109,7 +104,7 @@ def _hide(element: Element) -> None:
 
 
 def _split(element: Element, names: list[str]) -> None:
-    """Give each letter within a text a span of its own, and append its name."""
+    """Wrap each letter of a text in a span of its own, and add the letters to `names`."""
     children, spans = list(element), list[Element]()
     element.text = _append(spans, names, element.text)
     for child in children:
