@@ -5,8 +5,8 @@
     result = knotfab.build("cat.png", "out", mount="wall")
     print(result.exit_code, result.folder, result.report["views"][0]["iou"])
 
-The stages are functions of their own, from data to data; all that is public is listed in `__all__`, loaded
-when it is first used, and described in docs/api.md.
+Each stage is a function from data to data. `__all__` lists the public names, which are loaded on first use
+and described in docs/api.md.
 """
 
 from __future__ import annotations

@@ -164,10 +164,10 @@ def read_picture(source: Source, *, font: str | None = None, **reading: Any) -> 
 
 
 def _file_of(source: Source, path: Path) -> str:
-    """Return the path of a picture; one that is no file is written to `path` first.
+    """Return the path of a picture, which is first written to `path` if it is not a file.
 
     Raises:
-        InputError: it is no picture.
+        InputError: it is not a picture.
     """
     from PIL import Image
 
@@ -206,7 +206,7 @@ def design_knots(
 
 
 def pose_question(scene: Scene, targets: Sequence[Target]) -> Question:
-    """Set up the question of a search: views with frames, silhouettes, limits, and the bound of each.
+    """Set up a search's question: views with their frames, silhouettes and bounds, and the limits.
 
     Raises:
         InputError: the scene or a picture is wrong.
@@ -246,7 +246,7 @@ def search_knots(
     """Search for knots that draw every picture of the question, by certified steps from the start.
 
     Args:
-        radius: radius of the tube, mm. settings: keys of [search], over the scene's own and the accuracy's.
+        radius: radius of the tube, mm. settings: keys of [search], which override the scene's.
         terms: further parts of the objective: functions in torch of the vertices [N, 3], mm, to a scalar
             (such as `lambda points: 0.01 * points[:, 1].relu().square().mean()`), or instances of `Term`.
 

@@ -25,9 +25,9 @@ _RIGID = 1e-9  # tolerance for a matrix to count as rigid
 
 @dataclass(frozen=True)
 class Knot:
-    """A polyline: `points` is (n, 3) float64 in mm; where it is closed the last joins the first.
+    """A polyline through `points` (n, 3) float64, mm; if it is closed, the last joins the first.
 
-    An open one has no type: `type` is then "open".
+    An open polyline has no knot type: `type` is then "open".
     """
 
     points: NDArray[np.float64]
@@ -94,7 +94,7 @@ def read_knots(path: Path) -> Knots:
     """Read the knots of a knots.json or a start file, in the file's own coordinates.
 
     Raises:
-        OSError, ValueError, RecursionError: it cannot be read, or is no such file.
+        OSError, ValueError, RecursionError: it cannot be read, or is neither of these.
     """
     return _knots_from(KnotsFile.model_validate(json.loads(path.read_text(encoding="utf-8"))))
 
@@ -115,10 +115,10 @@ def read_start(path: Path) -> Knots:
     """Read knots to start from, in scene coordinates: a start file or a finished part.
 
     Args:
-        path: a start.json, or a knots.json that its scene.toml lies beside, or the folder of these two.
+        path: a start.json; a knots.json with its scene.toml beside it; or the folder of these two.
 
     Raises:
-        InputError: it cannot be read, or holds no closed knots that can be taken to the scene.
+        InputError: it cannot be read, or holds no closed knots whose place in the scene is known.
     """
     remedy = (
         "Name the folder of a build, its knots.json (of a frame knots-NN.json), or a start.json."
@@ -145,7 +145,7 @@ def read_start(path: Path) -> Knots:
 
 
 def _read_pose(path: Path) -> NDArray[np.float64]:
-    """Read the matrix (4, 4) back to the scene from the scene.toml beside a knots.json.
+    """Read the matrix (4, 4) from print to scene coordinates from the scene.toml beside a knots.json.
 
     Raises:
         ValueError: there is none, or it has no pose.

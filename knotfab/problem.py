@@ -112,8 +112,8 @@ class Problem:
 class DepthChoice:
     """The chosen depth of each template vertex, mm towards the light, and what its legibility costs.
 
-    `extent_mm`: the best from the deepest to the highest, lanes left out; less than theirs where less is
-    better. None: flat.
+    `extent_mm`: the best distance from the deepest vertex to the highest, without what lanes add; it may be
+    less than that of `depths`. None: flat.
     """
 
     depths: tuple[Array, ...]
@@ -186,7 +186,7 @@ class SearchResult(InNotebook):
 
     Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.
     `views` are those of the problem, or the one that a search with an unknown pose found, in whose axes
-    the knots stand (`numbers` says how it is turned against the one that was asked for).
+    the knots stand (`numbers` says how that view is turned relative to the one asked for).
     """
 
     knots: Knots

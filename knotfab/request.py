@@ -26,11 +26,10 @@ _FIRST_SHARE = 0.5  # share of a time budget for a build that may have to be rep
 class Request:
     """The scene as a person wrote it, its pictures, and how to build it.
 
-    `pictures`: one for each view of the scene, each a file, an SVG or `text:…`; of a sequence its frames:
-    a folder of numbered pictures, an animation, or several pictures in order. Where they are relative,
-    they lie in `base`, the working folder by default. `otherwise`: the scene to build where this one, which
-    needs no supports, cannot print so. `why_supported`: why a build that was free to do without
-    (`supports = "auto"`) has the slicer's supports.
+    `pictures`: one for each view of the scene, each a file, an SVG or `text:…`; for a sequence its frames:
+    a folder of numbered pictures, an animation, or several pictures in order. Relative paths start from
+    `base`, by default the working folder. `otherwise`: the scene to build if this one cannot be printed
+    without supports, as it asks. `why_supported`: why a build with `supports = "auto"` uses the slicer's.
     """
 
     scene: ResolvedScene
@@ -53,7 +52,7 @@ class Request:
 
     @property
     def chooses_holder(self) -> bool:
-        """Whether the build chooses what holds the piece; each frame of a sequence keeps to one rule."""
+        """Whether the build chooses what holds the piece; for a sequence it never does."""
         mount, process = self.scene.mount, self.scene.material.process
         left_open = mount.kind == "auto" and not mount.asked and process != "wire"
         return self.printing and left_open and not self.sequence
@@ -95,7 +94,7 @@ def require_device(name: str) -> None:
     """Refuse a device that this machine lacks.
 
     Raises:
-        MachineError: torch finds none of that kind.
+        MachineError: torch finds no such device.
     """
     if name == "cpu":
         return

@@ -65,7 +65,7 @@ def require_within(path: str | Path, what: str | None = None) -> None:
 
 
 def own_folder(variable: str, usual: Callable[..., Path], homeless: str | None = None) -> Path:
-    """Return a folder of the user's own: from the environment's `variable`, else the system's usual one.
+    """Return the folder that the environment's `variable` names, else the user's folder that `usual` gives.
 
     Args:
         homeless: the path to use where there is no home; by default one that can hold nothing.
@@ -129,7 +129,7 @@ def read_text(path: Path, what: str, noun: str = "file", missing: str = "Check t
     """Read a UTF-8 text file, with or without a byte order mark.
 
     Raises:
-        InputError: as `read_file`; or it is no such text.
+        InputError: as `read_file`; or it is not UTF-8.
     """
     data = read_file(path, what, noun, missing=missing)
     try:
@@ -145,7 +145,7 @@ def hold(folder: Path, wait: bool = False) -> int | None:
         None where the system has no such locks.
 
     Raises:
-        BlockingIOError: it is another's, and this one does not wait.
+        BlockingIOError: another process holds it, and `wait` is False.
         OSError: there is no such folder.
     """
     if _fcntl is None:
@@ -167,7 +167,7 @@ def hold(folder: Path, wait: bool = False) -> int | None:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes out of such a block for this folder."""
+    """Hold the folder's lock during the block, after waiting for whoever else holds it."""
     handle = hold(folder, wait=True)
     try:
         yield
@@ -178,11 +178,11 @@ def locked(folder: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
-    """Yield a private folder that is removed with the block; folders left by killed processes go first.
+    """Yield a private folder that is removed after the block; first remove what killed processes left.
 
     Args:
-        prefix: of the folder's name, and of those left behind. place: its parent; the system's
-        folder for temporary files by default.
+        prefix: how the folder's name begins, and the names of those left behind.
+        place: its parent; by default the system's folder for temporary files.
     """
     place = Path(tempfile.gettempdir()) if place is None else place
     for left in place.glob(f"{prefix}*"):

@@ -51,10 +51,10 @@ class MachineError(KnotfabError):
 
 @contextmanager
 def needs_extra(what: str, extra: str) -> Iterator[None]:
-    """Turn a failed import of what `knotfab[extra]` installs into a sentence; `what` needs it.
+    """Turn a failed import into the error that `what` needs `knotfab[extra]` installed.
 
     Raises:
-        MachineError: one of them is missing.
+        MachineError: a package is missing.
     """
     try:
         yield
@@ -152,7 +152,7 @@ def read_number(what: str, text: str) -> float:
         what: names it in the message, such as `--threshold 0,3`.
 
     Raises:
-        InputError: it is no number, or is ambiguous.
+        InputError: it is not a number, or is ambiguous.
     """
     plain = text.strip()
     if not re.fullmatch(_PLAIN, plain, re.IGNORECASE):
@@ -168,10 +168,10 @@ def read_length(what: str, text: str, remedy: str = "") -> float:
     """Parse a length with or without a unit (mm, cm, m, in) into mm.
 
     Args:
-        remedy: how the error's sentence ends, where the text is no length.
+        remedy: how the error's sentence ends.
 
     Raises:
-        InputError: it is no length.
+        InputError: the text is not a length.
     """
     remedy = remedy or "Give millimetres, or a length with its unit, such as 180, 18cm or 7in."
     found = _LENGTH.fullmatch(text.strip())

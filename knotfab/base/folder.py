@@ -56,7 +56,7 @@ class OutputFolder:
 
     Raises:
         InputError: DIR is a file or may not be written.
-        MachineError: the disk is full, at whatever moment.
+        MachineError: the disk fills up, at any moment.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -116,10 +116,9 @@ class OutputFolder:
     def commit(self) -> None:
         """Move the new files into DIR, over those of an earlier build.
 
-        All are on the disk before the first is moved, each move is atomic, and if one fails those
-        before it are undone; of a process that is killed, whoever uses DIR next finishes them (`mend`).
-        An earlier build's own files that this one did not write are removed, and so is what an earlier one
-        left in DIR/rejected.
+        All are on the disk before the first is moved. Each move is atomic, and if one fails, those before it
+        are undone; if the process is killed, the next to use DIR completes them (`mend`). Files of an earlier
+        build that this one did not write are removed, and so is DIR/rejected.
         """
 
         def steps(names: Sequence[str]) -> list[Step]:
@@ -138,7 +137,7 @@ class OutputFolder:
         self._move(lambda _: [("new", REJECTED)])
 
     def _move(self, steps: Callable[[Sequence[str]], list[Step]]) -> None:
-        """Carry out these moves, with DIR locked."""
+        """Carry out the moves that `steps` lists for the new files, with DIR locked."""
         assert self._hidden is not None
         with self._explained(MachineError):
             names = self._settle()
@@ -166,7 +165,7 @@ class OutputFolder:
             )
 
     def _settle(self) -> list[str]:
-        """Return the new files' names, once all their bytes are on the disk."""
+        """Flush the new files to the disk; return their names."""
         if self._is_full():
             # A library that does not look at its writes may have cut a file short.
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,7 +1,6 @@
-"""Work on a stranger's file in a limited copy of this process, which cannot hang, fill or end this
-one.
+"""Read untrusted files in a copy of this process with limited time and memory, which may crash alone.
 
-A copy costs some milliseconds, and loads nothing anew. Only Linux makes one; elsewhere the work is
+A copy takes a few milliseconds, and loads nothing again. Only Linux makes one; elsewhere the work is
 done here.
 """
 
@@ -40,14 +39,14 @@ def run_limited(
     verb: str = "reading it",
     remedy: str = "Scale it down or simplify it, or save it as a PNG.",
 ) -> _T:
-    """Return what `work` returns or raise what it raises; all else that it changes in memory is lost.
+    """Return what `work` returns or raise what it raises; any other change that it makes in memory is lost.
 
     Args:
-        what, verb, remedy: for the sentence where it takes too much.
-        seconds: processor time. gigabytes: memory beside what this process has.
+        what, verb, remedy: for the error's sentence.
+        seconds: limit on processor time. gigabytes: limit on memory, beyond what this process has.
 
     Raises:
-        InputError: it takes more, or crashes.
+        InputError: it takes more than that, or crashes.
     """
     if _is_copy or sys.platform != "linux":
         return work()
@@ -93,14 +92,14 @@ def run_limited(
 
 
 def end_copies() -> None:
-    """End all copies, as this process ends; those who wait for them get an error."""
+    """Kill all copies; threads that wait for one get an error."""
     for child in list(_living):
         with contextlib.suppress(ProcessLookupError):
             os.kill(child, signal.SIGKILL)
 
 
 def _receive(ours: int, until: float) -> tuple[bytes, bool]:
-    """Return what a copy sent in all, and whether it was late; b"" where it did not come to the end."""
+    """Read all that a copy sends, b"" if it stops halfway or is late; return whether it was late, too."""
     parts: list[bytes] = []
     while (left := until - time.monotonic()) > 0:
         if select.select([ours], [], [], left)[0]:

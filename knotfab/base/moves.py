@@ -1,4 +1,4 @@
-"""Moves of a finished build into its folder: all or none, also where the process is killed meanwhile."""
+"""Moves of a finished build into its folder: all or none, even if the process is killed halfway."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def is_moving(hidden: Path) -> bool:
 
 
 def mend(folder: Path) -> None:
-    """Finish moves into `folder` by killed processes, and remove what else they left there."""
+    """Finish the moves that killed processes began in `folder`, and remove what else they left there."""
     with contextlib.suppress(OSError):
         if any(name.startswith(HIDDEN) for name in os.listdir(folder)):
             with locked(folder):
@@ -70,7 +70,7 @@ def mend(folder: Path) -> None:
 
 
 def mend_locked(folder: Path) -> None:
-    """Do as `mend`; the caller has locked `folder`."""
+    """Do what `mend` does; the caller holds the folder's lock."""
     for hidden in sorted(folder.glob(f"{HIDDEN}*")):
         with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
             if not stat.S_ISDIR(hidden.lstat().st_mode):
@@ -116,7 +116,7 @@ def _is_sealed(hidden: Path) -> bool:
 
 
 def _sign(hidden: Path, text: str) -> str:
-    """Return a signature of a text, which only this user can make, for this very folder."""
+    """Sign a text for this folder, as only this user can."""
     from platformdirs import user_state_path
 
     secret = _kept_secret(own_folder("KNOTFAB_STATE", user_state_path) / "moves.key")
@@ -144,7 +144,7 @@ def _kept_secret(place: Path) -> bytes:
 
 
 def _read_steps(hidden: Path, name: str) -> list[Step]:
-    """Read the moves recorded by this user's build; none where anything else is written."""
+    """Read the moves that this user's build recorded; return none if the file holds anything else."""
     with contextlib.suppress(ValueError, TypeError, RecursionError):
         said, text = json.loads((hidden / name).read_text("utf-8"))
         if hmac.compare_digest(said, _sign(hidden, text)):

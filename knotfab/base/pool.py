@@ -1,4 +1,4 @@
-"""Parallel work in processes: how many this machine holds, and the one kind of worker."""
+"""Parallel work in processes: how many of them this machine has room for, and the workers."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ def count_jobs() -> int:
 def tie(command: Sequence[str], number: int = signal.SIGTERM) -> list[str]:
     """Wrap a command so that it never outlives this process; only on Linux.
 
-    The thread that starts it must live as long as it.
+    The thread that starts the command must outlive it.
 
     Args:
-        number: number of the signal that it gets.
+        number: number of the signal that ends the command.
     """
     if sys.platform != "linux":
         return list(command)
@@ -95,16 +95,16 @@ class Workers:
         with Workers("knotfab_fixtures.service") as workers:
             future = workers.ask({"module": …})
 
-    A process that ended is replaced when it is asked again. All end when the context is left, and when this
-    process ends, whatever ended it: their standard input closes.
+    A process that died is replaced at the next request. All end when the context is left, or when this
+    process ends for any reason, since their standard input closes.
 
     Args:
-        words: for `prepare` of the module.
-        early: start them now, so that they load while nobody asks yet; else each when it is asked.
+        words: arguments of the module's `prepare`.
+        early: start all now, so that they load before the first request; else each at its first request.
 
     Raises (from `answer`, and from `result` of what `ask` returns):
         Crash: the process ended without an answer.
-        OSError: it cannot be started.
+        OSError: the process cannot be started.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Workers:
         return [w.process for w in self._all if w.process is not None and w.process.poll() is None]
 
     def start(self) -> None:
-        """Start processes that do not run yet, so that they load their libraries early."""
+        """Start the processes that are not running, so that they load their libraries early."""
         for worker in self._all:
             worker.start()
 
@@ -174,7 +174,7 @@ class Workers:
         """Wait for a free process, hand it a request, and return its answer.
 
         Args:
-            hear: told of each thing that the process tells before it answers.
+            hear: called with each message that the process sends before its answer.
         """
         worker = self._free.get()
         try:

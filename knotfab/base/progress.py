@@ -149,7 +149,7 @@ class Progress:
             self.tell("standing", start=knots().dump_start())
 
     def listen(self, events: IO[str]) -> None:
-        """Write the events to one more stream."""
+        """Write the events to `events`, too."""
         self._events.append(events)
 
     def plan(self, usual: Mapping[str, float]) -> None:

@@ -3,8 +3,8 @@
 MODULE has `answer(request, told)`, which returns a dict and may write lines of JSON to `told` before.
 It may have `begin(*words)`, which runs before any answer, and `prepare(*words)`, which loads what answers
 need, a step at each `yield`: steps run while no request waits, so that a parent can start this process
-early. `knotfab.base.pool` starts and feeds it, and hears which libraries had a part in an answer. This
-file imports the formats alone, since it runs the validators, too, which share no code with the maker.
+early. `knotfab.base.pool` starts and feeds it, and learns which libraries had a part in an answer. This
+file imports only the formats, since it also runs the validators, which share no code with the maker.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from knotfab_formats.libraries import recording
 
 
 def main(module: str, *words: str) -> None:
-    """Answer requests with a module until the parent asks no more, or is gone."""
+    """Answer requests with a module until the parent closes the pipe or dies."""
     # Libraries in C++ write to standard output as they like: the answers have a stream of their own.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)
@@ -62,7 +62,7 @@ def main(module: str, *words: str) -> None:
 
 
 def _listen(requests: SimpleQueue[bytes], busy: threading.Event) -> None:
-    """Hand on each request; when no more can come, end what nobody waits for."""
+    """Queue each request; once no more can come, end an answer that nobody waits for."""
     with open(0, "rb", closefd=False) as lines:
         for line in lines:
             requests.put(line)

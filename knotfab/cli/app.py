@@ -59,10 +59,10 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
 
 
 def _leave(code: int) -> None:
-    """End the process with `code`, once all else has tidied up.
+    """End the process with `code` after all other exit handlers, without Python's own ending.
 
-    An interrupt that falls into a library's start (torch's) would make Python end by SIGINT instead, and
-    nanobind would print below an error's sentence what its frames still hold.
+    That would end by SIGINT after an interrupt while torch loads, and would let nanobind list what an
+    error's frames still hold.
     """
     atexit.unregister(_leave)
     atexit._run_exitfuncs()
@@ -222,7 +222,7 @@ def guard_streams() -> None:
 
 
 def why_unsaid() -> str | None:
-    """Return a sentence why part of standard output was lost; None if nothing was, or its reader left."""
+    """Say why part of standard output was lost; None if nothing was, or if its reader left."""
     with contextlib.suppress(OSError, ValueError):
         sys.stdout.flush()
     if not _unsaid:

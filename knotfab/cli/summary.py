@@ -132,7 +132,7 @@ def _format_verdict(report: Report) -> str:
 def print_catalogue(
     printers: Mapping[str, Printer], materials: Mapping[str, Material], own: Path
 ) -> None:
-    """Print tables of the known printers and materials, and where to put one's own."""
+    """Print tables of the known printers and materials, and say where to put your own."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table

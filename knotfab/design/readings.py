@@ -83,7 +83,7 @@ class TriedReading:
 
 
 def is_unclear(found: Survey) -> bool:
-    """Return whether a picture may be meant otherwise than it was read.
+    """Return whether the picture may have been misread.
 
     That is so if a build refuses it, if it has many pieces and holes, if white is drawn beside other
     colours, or if the reading was a guess.

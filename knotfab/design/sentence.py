@@ -41,9 +41,9 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
 
 
 def tell_doubts(targets: Sequence[Target]) -> list[str]:
-    """Say of which pictures another reading is as likely as the one taken, and how to get it.
+    """Say for which pictures another reading is as likely as the one taken, and how to get it.
 
-    Of pictures with the same option, as the frames of a sequence, the first stands for all.
+    Of pictures with the same option, such as the frames of a sequence, only the first is named.
     """
     found: dict[str, str] = {}
     for one in targets:
@@ -161,7 +161,7 @@ def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
 
 
 def _hours_more(found: Survey) -> str:
-    """Tell by how many hours the thinner tube prints longer; "" where a guess sees no difference."""
+    """Say how many more hours the thinner tube takes to print; "" if the guesses are equal."""
     first, second = found.guess, found.otherwise
     if second is None or not first.hours or not second.hours:
         return ""

@@ -184,7 +184,7 @@ def start_pose(
 
 
 def without_arches(scene: ResolvedScene) -> ResolvedScene:
-    """Let a piece's strands run as they look best, with nothing that holds it."""
+    """Return the scene with the slicer's supports and no mount, so that strands run as they look best."""
     piece = scene.piece.but(supports="slicer")
     return scene.but(piece=piece, mount=scene.mount.but(kind="none"))
 

@@ -48,7 +48,7 @@ class SmallParts:
 
     @property
     def slower(self) -> float:
-        """How many times as long the search takes that keeps them."""
+        """How many times as long a search takes with the radius that keeps them."""
         kept = self.keeping_mm or self.usual_mm
         return float((self.usual_mm / kept) ** _SLOWER[self.several])
 

@@ -82,7 +82,7 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
 
 
 def _require_inside(view: ResolvedView, wall: CurvedWall, target: Target) -> None:
-    """Refuse a picture that leaves its frame on the flat wall, as behind a hollow wall it may."""
+    """Refuse a picture that leaves its frame on the flat wall, as one for a hollow wall may."""
     rows, columns = (np.flatnonzero(target.mask.any(axis=axis)) for axis in (1, 0))
     mask = target.mask[rows]
     first, last = mask.argmax(axis=1), target.width - 1 - mask[:, ::-1].argmax(axis=1)

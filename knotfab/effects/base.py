@@ -22,8 +22,8 @@ from knotfab_formats.views import Placing, Room, Switch
 class World:
     """The scene's settings about people, room and material.
 
-    `turns`: whether the piece can turn against its wall: not one that is mounted on it, as of an open mount
-    one of several loose knots is (`loose_turns`).
+    `turns`: whether a piece of one knot can turn against its wall, as one mounted on it cannot;
+    `loose_turns`: whether a piece of several knots can.
     """
 
     placing: Placing = field(default_factory=Placing)
@@ -49,10 +49,9 @@ class World:
 class EffectContext:
     """The views and curves from which an effect's magnitude is judged.
 
-    `points` (N, 3), mm: vertices of the centre lines, or places that no strand will stand nearer to the light
-    than. `tolerance_px`: tolerance of the accuracy setting. `moves` (N, 3): how far a mount lets the points
-        sag, mm.
-    `upwards` (3,): the printer's, once the piece lies on its bed.
+    `points` (N, 3), mm: vertices of the centre lines, or places at least as near to the light as any strand
+    will be. `tolerance_px`: tolerance of the accuracy setting. `moves` (N, 3): how far a mount lets the
+    points sag, mm. `upwards` (3,): the printer's, once the piece lies on its bed.
     """
 
     views: tuple[ResolvedView, ...]
@@ -118,7 +117,7 @@ class Decision:
     def excess(self) -> float:
         """The strength of the effect in a design: it grows from 0 at the threshold to 1 far above it.
 
-        1 - threshold / magnitude; of one that is forced on below its threshold 0: it is measured, and
+        1 - threshold / magnitude. An effect that is forced on below its threshold has 0: it is measured, and
         changes nothing.
         """
         if not self.simulated or not self.called_for:
@@ -191,7 +190,8 @@ def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch
 class OnWall:
     """A view in its wall's axes: rows right, up and normal (3, 3), with the lamp at `lamp`.
 
-    Of a wall that is round those of the flat one that touches it. `middle` (3,): of the frame, in the same.
+    For a round wall, the axes are those of the flat wall that touches it. `middle` (3,): the frame's, in
+    these axes.
     """
 
     axes: Array

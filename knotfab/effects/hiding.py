@@ -1,4 +1,4 @@
-"""Hiding: a piece near its wall stands before its own shadow for whoever looks from aside."""
+"""Hiding: a piece near its wall stands before its own shadow for those who look from the side."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def magnitude(context: EffectContext) -> float:
 
 
 def _bound(seen: Shadows, radius: float) -> float:
-    """Return that share of one view: the mean of both sides, as if the piece filled its own width."""
+    """Bound the hidden share in one view, the mean of both sides, as if the piece filled its own width."""
     wall, places = seen.wall, seen.places
     rim = radius * wall.lamp[2] / (wall.lamp[2] - places[:, 2].max())
     shadow = wall.cast(places)[:, 0]
@@ -52,8 +52,8 @@ def _bound(seen: Shadows, radius: float) -> float:
 def hide_edge(seen: Shadows, lines: Sequence[Array], radius: float) -> Hiding:
     """Measure the share of the shadow's edge that strands hide from far viewers at either side.
 
-    Where that exceeds a tenth from 30°, the least of some gaps, how much farther off the wall the piece
-    would hide no more, is found too.
+    If it exceeds a tenth from 30°, the least of a few gaps is found that, added to the piece's distance from
+    the wall, brings it down to that.
 
     Args:
         seen: the view. lines: closed centre lines [(n, 3) mm], in the axes of its wall.
@@ -101,7 +101,7 @@ def _hidden(
 
 
 def draw_strands(lines: Sequence[Array], wide: float) -> Geometry:
-    """Draw closed lines (n, 2) as strands that are twice as thick as `wide`, all in one."""
+    """Return the union of closed lines (n, 2) widened by `wide` on either side."""
     import shapely
 
     rings = [shapely.LineString(np.append(line, line[:1], axis=0)) for line in lines]

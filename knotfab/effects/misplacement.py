@@ -1,4 +1,4 @@
-"""Misplacement: people place lamp, eye, piece and wall only about where the scene says."""
+"""Misplacement: people place lamp, eye, piece and wall only roughly where the scene says."""
 
 from __future__ import annotations
 
@@ -246,7 +246,7 @@ MISPLACEMENT = Effect(
 
 @dataclass(frozen=True)
 class Steadying:
-    """What careless placing asks of the depth: less of it.
+    """The cost of depth: the deeper the piece, the more of the picture careless placing loses.
 
     `axes` (3, 3) rows: the view's, in the scene. `outline`: the silhouette in the plane through the origin,
     mm.
@@ -266,8 +266,8 @@ class Steadying:
     def lost(self, points: Array) -> float:
         """Return the expected IoU loss from misplacement for strands at points (n, 3) in the view's axes.
 
-        Lamp, piece and wall are off by as much as the scene expects along and about each axis, one regardless
-        of the other. What the best likeness leaves of the moves, to first order, has a root mean square u
+        Lamp, piece and wall are off by as much as the scene expects along and about each axis, independently
+        of each other. What the best likeness leaves of the moves, to first order, has a root mean square u
         over all strands. An edge moves along its normal by u / sqrt(pi) on average
         (a normal variable's mean size, half of the square), so that the two silhouettes differ by a share
         s = u / sqrt(pi) times the outline's length over the area of either, and 1 - IoU = s / (1 + s / 2).

@@ -142,7 +142,7 @@ def _blurs_about(
     size: float,
     radius: float,
 ) -> Array:
-    """Return the same for edges within `radius` of places, each pair in its steepest direction."""
+    """Bound the blur as `_blurs` does, within `radius` of the places, each pair in its steepest direction."""
     spots, ends, found = np.empty((4, len(balls), 5)), np.empty((2, 5)), np.zeros(len(places))
     near, slope = np.empty(3), np.empty(3)
     for n in range(len(places)):
@@ -177,7 +177,7 @@ PENUMBRA = Effect(
 
 @dataclass(frozen=True)
 class Sharpening:
-    """What a wide lamp asks of the depth: outline strands stand near the wall.
+    """The cost of depth under a wide lamp, which asks for outline strands near the wall.
 
     The error of a soft shadow in brightness is 0.212 times the blur along the outline, whatever strands do
     sideways; only depth lowers it. `outline`: the silhouette in the plane through the origin, mm.

@@ -97,9 +97,11 @@ def measure_sag(
 ) -> Sag:
     """Measure the IoU of the knots' shadow with a mask (H, W), as designed and as sagged.
 
-    `widest_px`: the furthest that a centre line's shadow is shifted. `wall`: the round one that the shadow
-    falls on, the mask being its picture as the flat wall that touches it has it; there each place counts by
-    the area that it stands for on the round one, as light is straight.
+    `widest_px` of the result: the furthest that a centre line's shadow is shifted.
+
+    Args:
+        wall: the round wall that the shadow falls on. The mask is then that of the flat wall that touches it,
+            and each of its pixels counts by the area that it stands for on the round one.
     """
     from knotfab.render.image import image_at
 
@@ -122,8 +124,8 @@ def measure_sag(
 def allow_sag_mm(views: Sequence[ResolvedView], points: Array, radius: float) -> float:
     """Return how far points (N, 3) of centre lines may move without a visible change of shadow, mm.
 
-    A strand's shadow is w = 2 r H / (H - h) wide at least. Shifted aside by s it covers 1 - s / w of its
-    place still. While that is 7/8, no gap and no strand of the picture, which are as wide, comes or goes,
+    A strand's shadow is at least w = 2 r H / (H - h) wide. Shifted by s, it still covers 1 - s / w of its
+    place. While that is 7/8, no gap and no strand of the picture, which are as wide, comes or goes,
     and nobody has another shadow to compare it with. The lamp blurs its edges over b: where such an edge
     is steepest, 4 / (pi b) of a disc, a shift by b / 4 changes the light by less than a third, and the
     eye is no surer of where it lies. So s = w / 8 + b / 4 is allowed, to each place by itself. What moves
@@ -157,10 +159,11 @@ SAG = Effect(
 def layers_magnitude(context: EffectContext) -> float:
     """Return the largest shift of a shadow by half a layer, px; 0 while the print pose is unknown.
 
-    A slice of thickness h is cut in its middle: a point of the stack has one of the part within h / 2 up or
-    down, and the other way round; but for a rim of a round tube of radius r, which a middle misses by up to
-    r - sqrt(r² - h² / 4), about h² / 8r. So no outline moves by more than moving the strands by h / 2
-    along the printer's z does, h / 2 M sin of the angle between that and the ray, and M h² / 8r.
+    Each slice of thickness h has the part's section at its middle, so each point of the stack lies within
+    h / 2 above or below one of the part, and the other way round. Only the rim of a round tube of radius r
+    may be missed, by up to r - sqrt(r² - h² / 4), about h² / 8r. So no outline moves further than moving the
+    strands by h / 2 along the printer's z moves it, h / 2 M sin of the angle between that and the ray, plus
+    M h² / 8r.
     """
     upwards, height = context.upwards, context.world.printer.layer_height_mm
     radius = context.radius

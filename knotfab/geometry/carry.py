@@ -60,7 +60,7 @@ class Curves:
 
 
 def refine_parameters(where: Parameters, periods: Sequence[float]) -> Parameters:
-    """Return the parameters with one more midway between each two: twice as many."""
+    """Add a parameter midway between each two, which doubles their number."""
     out = []
     for w, period in zip(where, periods, strict=True):
         ahead = np.append(w[1:], w[0] + period)
@@ -95,7 +95,7 @@ def certify_same_type(
     new_where: Parameters,
     periods: Sequence[float],
 ) -> Carried:
-    """Return whether closed polygons are isotopic by the motion that matches their parameters.
+    """Certify that closed polygons are isotopic by the motion that matches their parameters.
 
     Both are cut at all parameters of either, which changes neither, and each point goes straight to
     the one of the same parameter, in as many certified steps as it takes: `reached` is then 1. (One step
@@ -116,7 +116,7 @@ def certify_same_type(
 
 
 def _reach(points: Array, rings: Polylines, step: Array) -> float:
-    """Return the distance up to which pairs must be known to certify `step` and a few like it."""
+    """Return how near pairs must be, mm, to be listed for certifying `step` and a few steps like it."""
     edge = points[rings.next] - points
     after = edge + step[rings.next] - step
     longest = np.sqrt(max(float(dot(edge, edge).max()), float(dot(after, after).max())))

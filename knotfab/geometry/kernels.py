@@ -1,7 +1,7 @@
 """Compiled loops over pairs of segments: closest points, the margin of a step, hinge penalties.
 
 Closed polylines come as points (N, 3) with the rows' successors and the start and size of each row's ring
-(see `Polylines`). Each runs on one thread, so that the order of all sums is fixed.
+(see `Polylines`). Each loop runs on one thread, so that the order of all sums is fixed.
 """
 
 from __future__ import annotations
@@ -142,9 +142,9 @@ def _slack(
     between_middles: float,
     half: Array,
 ) -> float:
-    """Bound from below how near segments i and j come: their distance less their ends' relative displacement.
+    """Bound from below the distance left between segments i and j when their ends have moved by `step`.
 
-    The midpoints' distance less both half lengths comes first; where it does not do, the exact one.
+    Their distance is first bounded by that of their midpoints, and computed if that bound is too low.
     """
     moved = 0.0
     for a in (i, following[i]):
@@ -170,9 +170,9 @@ def step_margin(
     skip: int,  # pairs nearer along the curve are not among them
     room: float,  # distance beyond which there is none, less twice what vertices moved since
 ) -> tuple[int, float]:
-    """Judge a step: its kind, and the least (distance - relative displacement) of two segments, mm.
+    """Return a step's kind, and the least (distance - relative displacement) of any two segments, mm.
 
-    See `certificate.certify`. A pair whose bound is above the least margin so far is passed over.
+    See `carry.certify`. A pair whose bound is above the least margin so far is skipped.
     """
     count = len(points)
     old, new = np.empty_like(points), np.empty_like(points)

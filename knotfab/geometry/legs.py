@@ -93,7 +93,7 @@ def find_legs(curves: list[Array]) -> list[Leg]:
 
 
 def peaks_of(height: Array) -> Indices:
-    """Return the places of the peaks that stand out by a millimetre of a ring of heights (n,), mm."""
+    """Return the indices of the peaks that stand out by at least 1 mm in a ring of heights (n,), mm."""
     first = int(height.argmin())
     turned = np.append(np.roll(height, -first), height[first])
     tops = 1 + np.flatnonzero((turned[:-2] < turned[1:-1]) & (turned[1:-1] >= turned[2:]))
@@ -116,13 +116,13 @@ def plan_bars(
     young_modulus_mpa: float,
     hidden: Callable[[Array], bool] = lambda _: True,
 ) -> tuple[list[Bar], Array]:
-    """Plan bars by which no leg stands free for longer than it may, and places (k, 3) that lack one.
+    """Plan bars so that no leg stands free for too long; also return the places (k, 3) that lack a bar.
 
-    From the bed up: each leg is joined to another as soon as it has stood free for most of what it may,
-    where that is near; a bar ends the free length of both.
+    From the bed up, each leg is joined to a near one as soon as it has stood free for most of the length
+    allowed. A bar ends the free length of both.
 
     Args:
-        hidden: tells of points (n, 3) along a bar whether none of them would show in a picture.
+        hidden: returns whether none of the points (n, 3) along a bar would show in a picture.
     """
     if not legs:
         return [], np.empty((0, 3))
@@ -202,7 +202,7 @@ def plan_bars(
 
 
 def _is_clear(bar: Bar, near: Array, radius: float) -> bool:
-    """Tell whether none of the other strands' points (n, 3) near a bar lies between its ends."""
+    """Return whether none of the other strands' points (n, 3) near a bar lies between its ends."""
     way, length = bar.end - bar.start, bar.gap_mm
     along = (near - bar.start) @ way / length
     aside = np.linalg.norm(near - bar.start - along[:, None] * way / length, axis=1)

@@ -217,9 +217,9 @@ def _strips(
     radius: float,
     cell: float,
 ) -> tuple[Indices, Array, Array, Array]:
-    """Return for strips of rods: the grid's cell, the lower and upper end of a vertical line there, the area.
+    """Cut rods into strips; return each one's grid cell, lowest and highest point, and area of underside.
 
-    Two more strips at the tube's sides carry nothing, but others may stand on them.
+    Two more strips at the tube's sides need no support, but that of others may stand on them.
     """
     n, inner = len(flat), len(STRIPS)
     count = (inner + 2) * n
@@ -250,7 +250,7 @@ def _strips(
 
 @compiled
 def _floors(cells: Indices, low: Array, high: Array) -> Array:
-    """Return the top of the nearest separate thing below each span of heights; 0, the bed, of none, (n,)."""
+    """Return how high each span's support begins, (n,): on the nearest top below it, or on the bed, 0."""
     begins = np.zeros(cells.max() + 2, dtype=np.int64)
     for n in range(len(cells)):
         begins[cells[n] + 1] += 1

@@ -93,7 +93,7 @@ def sample_evenly(points: Array, step: float, *, at_most: bool = False, fewest: 
         points: (n, k), the first not repeated.
         step: the distance wanted; the one taken divides the whole length.
         at_most: never farther apart than `step`; otherwise as near to it as can be.
-        fewest: points, however short the polyline.
+        fewest: the least number of points, however short the polyline.
 
     Returns:
         (m, k), m at least `fewest`.

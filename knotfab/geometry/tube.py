@@ -145,12 +145,12 @@ def carry_torus(rings: Array, offset: int, volume_mm3: float) -> tuple[Array, Fa
 
 
 def _nth(sine: Array, cosine: Array, count: int) -> NDArray[np.int64]:
-    """Return which of `count` even angles, from 0 on, these directions have."""
+    """Return the index of each direction among `count` evenly spaced angles, the first of which is 0."""
     return np.rint(np.arctan2(sine, cosine) * (count / (2 * pi))).astype(np.int64) % count
 
 
 def reach_mm(points: Array, radius_mm: float, sides: int) -> float:
-    """Measure how far corners of the mesh of `sweep` stand from their vertices at most, mm."""
+    """Return the largest distance of a corner of `sweep`'s mesh from its vertex of the line, mm."""
     along = np.roll(points, -1, axis=0) - points
     along /= np.linalg.norm(along, axis=1)[:, None]
     # the cosine is that of half the turn from one edge to the next
@@ -165,7 +165,7 @@ def _ring_radius(radius_mm: float, sides: int) -> float:
 
 
 def sides_for(radius_mm: float, tolerance_mm: float, least: int = 16, most: int = 256) -> int:
-    """Return corners of a ring whose outline is within `tolerance_mm` of the round tube's, an even number.
+    """Return the even number of corners whose ring stays within `tolerance_mm` of the round tube's outline.
 
     A corner stands out by radius * a² / 12 in lowest order, twice as far as a face stays behind.
     """
@@ -180,7 +180,7 @@ def mesh_volume(vertices: Array, faces: Faces) -> float:
 
 
 def _check_points(points: Array, radius_mm: float, sides: int) -> Array:
-    """Return the points as (n, 3) float64, of which there are three or more."""
+    """Return the points as (n, 3) float64; raise ValueError if they, the radius or the sides make no tube."""
     p = np.asarray(points, dtype=np.float64)
     if p.ndim != 2 or p.shape[1:] != (3,) or len(p) < 3 or not np.isfinite(p).all():
         raise ValueError(f"points must be (n >= 3, 3) and finite, got shape {p.shape}")
@@ -218,10 +218,10 @@ def _require_room(p: Array, edges: Array, lengths: Array, radius_mm: float) -> N
 
 
 def _require_unfolded(lengths: Array, slide: Array, following: Array, p: Array) -> None:
-    """Refuse lines of the surface that run backwards: the corners lie outside the tube's radius.
+    """Refuse rings that cross, which even a bend wider than the tube allows, since corners stand out of it.
 
-    `slide` and `following` (segments, sides): how far the corners at its start and at its end have slid
-    into it.
+    `slide` and `following` (segments, sides): how far the corners at a segment's start and at its end have
+    slid into it.
     """
     least = (lengths[:, None] - slide - following).min(axis=1)
     if least.min() <= 0:
@@ -303,18 +303,18 @@ def box_of(meshes: Sequence[Mesh]) -> tuple[Array, Array]:
 
 
 def face_normals(corners: Array) -> Array:
-    """Return (m, 3) out of triangles (m, 3, 3), each as long as twice its area."""
+    """Return outward normals (m, 3) of triangles (m, 3, 3), each twice as long as the triangle's area."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def unit(vectors: Array) -> Array:
-    """Return (..., 3) vectors of length 1 in the same directions; what has no length stays."""
+    """Return (..., 3) vectors of length 1 in the same directions; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, 1e-300))
 
 
 def keep_faces(vertices: Array, faces: NDArray[np.int32]) -> Mesh:
-    """Return some of a mesh's faces (k, 3) with the vertices that they use."""
+    """Return the mesh of some faces (k, 3), with only the vertices that they use."""
     used, renumbered = np.unique(faces, return_inverse=True)
     return vertices[used], renumbered.reshape(-1, 3).astype(np.int32)
 

@@ -46,7 +46,7 @@ class Stiffness:
 
 @dataclass(frozen=True, kw_only=True)
 class Holder:
-    """What holds a piece, and how that sags on it by a whole frame, solved again with all members.
+    """What holds a piece, and how the piece sags on it, computed from a frame with all members.
 
     It sags most at `sag_at`; `moves` (N, 3) tells how far each vertex of the knots moves.
     """
@@ -113,15 +113,15 @@ def sag_moves(
     step_radii: float = JOINT_RADII,
     pinned: bool = False,
 ) -> Array:
-    """Compute how far each vertex moves on the members, mm (N, 3), by a frame of its own.
+    """Compute how far each vertex moves on the members, mm (N, 3), from a new, finer frame.
 
-    Its joints are `step_radii` tube radii apart and wherever a member ends, and members are cut in
-    pieces: a second opinion where members were chosen by a coarser frame. Moves are interpolated
+    Its joints are `step_radii` tube radii apart and wherever a member ends, and members are cut into
+    pieces: a second opinion on members that were chosen by a coarser frame. Moves are interpolated
     between joints by the vertices' numbers.
 
     Args:
-        sites: that the members join. pinned: whether those that end at the ground meet there at two
-            points, which threads hold (`hold_by_threads`); else nothing moves or turns there.
+        sites: those that the members join. pinned: whether the members that end at the ground meet there at
+            two points, which threads hold (`hold_by_threads`); else nothing moves or turns there.
     """
     met = np.concatenate([members.first, members.second])
     met = met[met != GROUND]
@@ -147,11 +147,10 @@ def sag_moves(
 
 
 def hold_by_threads(beams: Beams, feet: Indices) -> tuple[Beams, Mask]:
-    """Join the feet that meet at two points, and hold those as far as it takes to hold the piece.
+    """Merge the feet that meet at two points, and hold six unknowns there, as many as a rigid body has.
 
-    Threads pull up alone. Six unknowns held, as many as a rigid body has, take no other force: a
-    piece whose centre of mass is between and below the threads is in balance. Returned is which unknowns
-    are held, (6 n,).
+    They carry no force but the threads' upward pull, since a piece whose centre of mass is between and below
+    the threads is in balance. Also return which unknowns are held, (6 n,).
     """
     first = beams.joints[feet[0]]
     second = np.linalg.norm(beams.joints[feet] - first, axis=1) > _MEET_MM
@@ -181,10 +180,10 @@ def worst_of(moves: Array, points: Array) -> tuple[float, Array]:
 
 
 def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[Array, Array]:
-    """Compute members' stiffness at their ends, (m, 12, 12), and loads by their weight, (m, 12).
+    """Compute what members add to the stiffness at their ends, (m, 12, 12), and to the loads, (m, 12).
 
     Args:
-        before: (m,) mm, the radius that each had; 0 where it was not there.
+        before: (m,) mm, the radius that each had before; 0 for a new one.
     """
     springs, loads = _of_bars(some, stiffness)
     springs_then, loads_then = _of_bars(replace(some, radius=before, end_radius=None), stiffness)
@@ -192,7 +191,7 @@ def springs_of(some: Candidates, before: Array, stiffness: Stiffness) -> tuple[A
 
 
 def _of_bars(some: Candidates, stiffness: Stiffness) -> tuple[Array, Array]:
-    """Compute stiffness and loads of members; of a tapered one its inner joints are condensed."""
+    """Compute stiffness and loads of members; the inner joints of tapered ones are condensed."""
     pieces = 1 if some.end_radius is None else PIECES
     m, every = len(some), 6 * (pieces + 1)
     share = np.arange(pieces + 1)[:, None] / pieces

@@ -75,7 +75,7 @@ def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
     member. The strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
 
     Args:
-        suffix: of the piece's files, such as "-01" of a frame, which has no coupon.
+        suffix: that of the piece's files; a frame, with one such as "-01", has no coupon.
     """
     asked = mounted.scene.mount
     if asked.on_feet:

@@ -1,4 +1,4 @@
-"""An eyelet: the ring by which a thread carries a piece, where it has room, and what it keeps free."""
+"""An eyelet: the ring by which a thread carries a piece, where it has room, and what keeps clear of it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Eyelet:
 
 
 def bound_ring(ring: Eyelet) -> Candidates:
-    """Return a member as thick as the whole ring is wide, of which struts keep clear."""
+    """Return a member as thick as the whole ring is wide, for struts to keep clear of."""
     reach = ring.ring_mm + ring.wire_mm
     beside = ring.through * ring.wire_mm
     none = np.array([GROUND])
@@ -71,7 +71,7 @@ def bound_ring(ring: Eyelet) -> Candidates:
 
 
 def draw_thread(ring: Eyelet) -> Candidates:
-    """Return the thread above a ring as a bar, of which members keep clear."""
+    """Return the thread above a ring as a bar, for members to keep clear of."""
     none, start = np.array([GROUND]), ring.thread[None]
     return Candidates(none, none, start, start + _FAR_MM * UP, np.array([0.5 * THREAD_MM]))
 
@@ -100,7 +100,7 @@ def centre_eyelet(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candi
 
 
 def has_room(obstacles: Obstacles, *rings: Eyelet) -> Mask:
-    """Tell (n,) whether no strand is near the ring or in the thread's way above it."""
+    """Return whether each ring, and the thread above it, has no strand in the way, (n,)."""
     tube, points = obstacles.tube, obstacles.points
     free = np.ones(len(rings), dtype=bool)
     for n, ring in enumerate(rings):
@@ -170,7 +170,7 @@ def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:
 
 
 def leave_no_gap(posts: Candidates, ring: Eyelet, clearance_mm: float) -> Mask:
-    """Tell (n,) whether posts that end on a ring part from it so fast that printing closes no gap."""
+    """Return whether posts that end on a ring part from it fast enough that no gap prints closed, (n,)."""
     at, half = ring.outline(_SIDES), np.arange(_SIDES // 2 + 1)
     joint = int(np.linalg.norm(at - posts.end[0], axis=1).argmin())
     i, j = np.divmod(np.arange(len(posts) * _SIDES), _SIDES)

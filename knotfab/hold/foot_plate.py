@@ -69,10 +69,10 @@ def plan_foot_plate(
     """Plan the plate of a piece whose valleys reach below the wall's face.
 
     Args:
-        knots, tubes: one of each other, in scene coordinates. settings: with a plate for feet.
+        knots, tubes: a tube for each knot, in scene coordinates. settings: with a plate for feet.
 
     Raises:
-        SceneError: a knot has no valley there, or one comes out of the plate's back.
+        SceneError: a knot has no valley there, or a valley comes out of the plate's back.
     """
     to_wall = np.column_stack([camera.wall_axes, -camera.wall_axes @ camera.middle])
     feet = _find_feet(tubes, to_wall, settings.thickness_mm)
@@ -171,7 +171,7 @@ def _bridge_islands(body: Geometry) -> Polygon:
 
 
 def _fill_holes(sheet: Polygon) -> Polygon:
-    """Fill the sheet's holes: they too are to be a screen for the shadow."""
+    """Fill the sheet's holes, since shadows fall there, too."""
     import shapely
 
     return shapely.Polygon(sheet.exterior)

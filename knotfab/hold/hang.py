@@ -65,7 +65,7 @@ _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which post
 
 @dataclass(frozen=True, kw_only=True)
 class HangMount(MemberHolder):
-    """A hanger, in the scene; its posts lead to the eyelets. The piece hangs askew by `tilt_deg`."""
+    """A hanger in the scene; its posts lead to its eyelets. The piece hangs askew by `tilt_deg`."""
 
     eyelets: tuple[Eyelet, ...]
     tilt_deg: float
@@ -135,7 +135,7 @@ def plan_hang(
 
 @dataclass(frozen=True)
 class _Hanger:
-    """What all ways to hang a piece start from: its knots joined to one, and what may stiffen it."""
+    """What every way of hanging a piece starts from: its knots joined to one, and what may stiffen it."""
 
     knots: Knots
     sites: Sites
@@ -154,7 +154,7 @@ class _Hanger:
         return _centre_of_mass(masses_of(self.knots, self.joints))
 
     def list_pairs(self, across: Array) -> list[Array]:
-        """List where two eyelets have room, (2, 3) beside the centre of mass: what shows least first."""
+        """List offsets (2, 3) of two eyelets from the centre of mass, mm; pairs that show least first."""
         width, found = float(np.ptp(self.knots.points @ across)), list[tuple[float, Array]]()
         for share in SPANS:
             if share * width < LEAST_SPAN_MM:
@@ -248,7 +248,7 @@ class _Hanger:
         return best
 
     def _is_clear(self, struts: Candidates, posts: list[Candidates], rings: list[Eyelet]) -> bool:
-        """Tell whether posts, rings and threads still meet nothing where they were moved to."""
+        """Return whether posts, rings and threads still touch nothing where they were moved to."""
         for k, ring in enumerate(rings):
             apart = copy(self.obstacles)
             apart.members = join_members(
@@ -265,8 +265,8 @@ class _Hanger:
     ) -> list[Candidates]:
         """Add posts from elsewhere to where the first of an eyelet meets its ring, as long as they help.
 
-        A single strand that carries all the weight yields under it. At least `fewest` posts are
-        returned for one of the eyelets, if they have room.
+        A single strand that carried all the weight would yield. One of the eyelets gets at least `fewest`
+        posts, if they have room.
         """
         sites, tube = self.sites, self.knots.radius_mm
         pools = []
@@ -332,9 +332,9 @@ class _Hanger:
 def let_swing(points: Array, moves: Array, threads: Array) -> Array:
     """Turn the moves (N, 3) of a piece held at its threads (1 or 2, 3) into those of one free to swing.
 
-    What sags to one side turns the piece until its centre of mass is below the thread again: by the
-    two small angles about level axes that take the mean of the moves back to the plumb line. Below two
-    threads it swings about the line through both alone.
+    A piece that sags to one side turns until its centre of mass is below the thread again: by the two
+    small angles about level axes that take the mean of the moves back to the plumb line. Below two threads
+    it only swings about the line through both.
     """
     lever = points - threads.mean(axis=0)
     drop, aside = -float(lever[:, 1].mean()), moves.mean(axis=0)

@@ -1,4 +1,4 @@
-"""A frame of bars that stands on a table and holds screen, piece and lamps true to each other."""
+"""A frame of bars that stands on a table and holds screen, piece and lamps in their places."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Sheet:
-    """Bodies that are printed at once, the motions (4, 4) that take each to the scene, and its sizes."""
+    """Bodies that are printed at once, the motion (4, 4) that takes each to the scene, and the sizes."""
 
     name: str
     bodies: list[Mesh]
@@ -98,7 +98,7 @@ class Table:
 
     @cached_property
     def _beds(self) -> list[list[tuple[Bar, float, float]]]:
-        """Lay bars side by side on few beds, the longest first; with where each begins."""
+        """Lay bars side by side on few beds, the longest first; list them with where they begin."""
         wide, deep = (side - 2 * EDGE_MM for side in self.bed_mm)
         room, rows = max(wide, deep), min(wide, deep)
         order = sorted(self.bars, key=lambda bar: (-bar.width_mm, -bar.length_mm))
@@ -327,7 +327,7 @@ def _spine_width(aside: Array) -> float:
 
 
 def _cut_bar(bar: Bar, longest: float) -> list[Bar]:
-    """Cut a bar into pieces that the bed holds, nowhere where something stands on it."""
+    """Cut a bar into pieces that the bed holds, but not where something stands on it."""
     taken = [
         (x - wide / 2 - BOSS_WALL_MM, x + wide / 2 + BOSS_WALL_MM) for x, _, wide, _ in bar.holes
     ]

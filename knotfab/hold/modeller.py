@@ -1,4 +1,4 @@
-"""A process of its own that models the solids of mounts and STEP while a build lasts."""
+"""A separate process that models the solids of mounts and STEP during a build."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _kept: ContextVar[Workers | None] = ContextVar("modeller", default=None)
 
 @contextlib.contextmanager
 def keep_modeller(early: bool) -> Iterator[None]:
-    """Have the fixtures of this block modelled by one process, which ends with it.
+    """Let one process model all fixtures during the block, and end it afterwards.
 
     OpenCascade takes two seconds to load and 300 MB to keep. Beside a search the loading costs no
     time, and the memory is free again when the part is verified.
@@ -49,7 +49,7 @@ def call_fixture(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwa
 
     Raises:
         MachineError: the process ended instead.
-        ValueError: sizes that are no such fixture.
+        ValueError: no such fixture has these sizes.
     """
     modeller = _kept.get()
     if modeller is None:
@@ -75,6 +75,6 @@ def call_fixture(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwa
 
 
 def rest_modeller() -> None:
-    """End the kept process until it is asked again: its memory is free meanwhile."""
+    """End the kept process to free its memory; the next request starts it again."""
     if (modeller := _kept.get()) is not None:
         modeller.interrupt()

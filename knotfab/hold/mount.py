@@ -236,10 +236,10 @@ class Mounted:
         return {"members": self.members(to_part), "rods": rods, "hulls": hulls}
 
     def slab(self, to_part: Array) -> dict[str, Any] | None:
-        """Describe, as `members` does, the plate in which the piece stands; None without one.
+        """Describe the plate in which the piece stands for knots.json, as `members` does; None without one.
 
-        `outline` are the corners of its face, whose unit normal is `out`, and `holes` the middles
-        of the screw holes there, `hole_mm` wide.
+        `outline` lists the corners of its face, whose unit normal is `out`; `holes` the middles of the
+        screw holes there, `hole_mm` wide.
         """
         if self.wall is None or self.wall.plate is None or self.upright is None:
             return None
@@ -261,7 +261,7 @@ class Mounted:
         }
 
     def plate_figures(self, shrinks_to: float, hiding: Hiding | None) -> PlateFigures | None:
-        """Report the plate in which the piece stands; it is printed larger by the shrinkage."""
+        """Report the plate in which the piece stands; it is printed larger, by what the material shrinks."""
         if self.wall is None or self.wall.plate is None:
             return None
         import shapely
@@ -287,10 +287,10 @@ class Mounted:
 
     @property
     def fixed_mm(self) -> tuple[float, float, float] | None:
-        """What of the extents, as `upright` lays the part, does not scale with the frame.
+        """The share of the extents, as `upright` lays the part, that does not scale with the frame, mm.
 
-        Margin and thickness of a plate, a dowel's length, and the distance from the wall; None if
-        it is the tube's thickness alone.
+        It holds a plate's margin and thickness, or a dowel's length, and the distance from the wall. None:
+        only the tube's thickness does not scale.
         """
         if self.wall is None:
             return None

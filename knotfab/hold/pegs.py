@@ -41,10 +41,10 @@ def hidden_braces(
 ) -> Candidates:
     """Find the members that keep a piece from sagging on its pegs.
 
-    A light ray to the wall is often barred by a strand behind it; a strut to that strand is not.
-    And a peg along a ray only bends, where one that leans is pulled or pressed, which it resists
-    many times better. A member whose whole shadow lies in that of the knots shows as little as a
-    peg along a ray, and draws nothing that the knots do not.
+    A strand often bars a light ray's way to the wall, but a strut to that strand is free. And a peg along a
+    ray only bends, whereas one that leans is pulled or pressed, which it resists many times better. A member
+    whose whole shadow lies in that of the knots shows as little as a peg along a ray, and draws nothing that
+    the knots do not.
 
     Args:
         sites: that the pegs stand on (`sites_with`). obstacles: with the pegs.
@@ -73,8 +73,8 @@ def tie_to_held(
 ) -> Candidates:
     """Tie each knot without a peg to one that is held, by the shortest strut that is hidden.
 
-    Such a knot lies in front of another, as the dot of an i may before its stem: the strut runs
-    from one to the other, as a peg would to the wall.
+    Such a knot lies in front of another, as the dot of an i may lie before its stem. The strut runs from one
+    to the other, as a peg would to the wall.
 
     Args:
         sites: that the pegs stand on (`sites_with`). obstacles: with the pegs; the struts are added.
@@ -129,7 +129,7 @@ def _tie_knot(
 
 
 def sites_with(knots: Knots, rays: Rays, chosen: Indices) -> Sites:
-    """Return sites along all tubes, with those where the chosen rays begin."""
+    """Return sites along all tubes, among them those where the chosen rays begin."""
     of = rays.knot[chosen]
     return sites_of(knots, also={k: rays.vertex[chosen][of == k] for k in range(len(knots.knots))})
 
@@ -191,11 +191,11 @@ def choose_pegs(
 ) -> Pegs:
     """Choose rays for pegs until no point of any knot sags more than `max_sag_mm` (gravity: -y).
 
-    Each knot starts with one peg, and is given more by itself (`plan_members`). Where no free ray
-    helps any more the sag stays above the limit: the caller compares.
+    Each knot starts with one peg, and gets more independently of the others (`plan_members`). If no free ray
+    helps any more, the sag stays above the limit, which the caller must check.
 
     Args:
-        knots: in scene coordinates, those that `rays` belong to.
+        knots: those that `rays` belong to, in scene coordinates.
         top_radius_mm, foot_radius_mm: (n,) of a peg along each ray, at the tube and at the wall.
 
     Raises:
@@ -238,7 +238,7 @@ class Feet(Way):
         self.apart_mm = apart_mm
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """Tell (n,) whether the feet of pegs are apart from those that are there."""
+        """Return whether the feet of pegs keep clear of those that are there, (n,)."""
         there = self.members.end if but is None else np.delete(self.members.end, but, axis=0)
         gaps = np.linalg.norm(some.end[:, None] - there[None], axis=2)
         return np.asarray((gaps >= self.apart_mm).all(axis=1))

@@ -30,9 +30,8 @@ class Mark:
 class Footing:
     """A stand's base as one view meets it: its bounds in the view's level axes, mm.
 
-    `bottom` is the desk. `turned_deg` is how far the view is turned from the first, anticlockwise
-    from above; `wall_side` and `lamp_side` name what of the base is next to the wall and to the
-    lamp.
+    `bottom` is the desk. `turned_deg` is how far the view is turned from the first, anticlockwise seen
+    from above; `wall_side` and `lamp_side` name the sides of the base next to the wall and to the lamp.
     """
 
     left: float
@@ -88,7 +87,7 @@ class Placement:
         return np.column_stack([moved, points[:, 2] * reach[:, 0]])
 
     def lay_flat(self, thrown: Array) -> Array:
-        """Take shadows (n, 2) on the flat wall to where they fall on a round one, mm."""
+        """Map shadows (n, 2) on the flat wall to where they fall on a round one, mm."""
         if self.round is None:
             return thrown
         middle = self.wall[:2] @ (self.middle - self.round.foot)

@@ -21,7 +21,7 @@ MOST = 100  # members that are added
 
 @dataclass(frozen=True, kw_only=True)
 class MemberHolder(Holder):
-    """What holds a piece by members.
+    """A holder made of members.
 
     `holds` (n,) names the knot that each member was added for; posts lead to the ground, their `second`.
     `predicted_intrusion` (views,) is the share of each frame that is darkened outside picture and knots.
@@ -118,7 +118,7 @@ class _Change:
 
 @dataclass
 class _Plan:
-    """The members so far, the candidates taken for them, and what all of these darken."""
+    """The members so far, the candidates that became members, and what all of these darken."""
 
     way: Way
     shadows: MountShadows
@@ -166,7 +166,7 @@ class _Plan:
         return None
 
     def _thicker(self) -> tuple[Indices, Candidates, Array]:
-        """Thicken members that show and have room: their numbers, they, prices in pixels."""
+        """Thicken members that show and have room; return their numbers, themselves, and prices in pixels."""
         self.seen = self.seen_of(self.members, self.seen)
         old = np.flatnonzero(self.seen > SEEN_SHARE)
         thicker = self.members.of(old).thicken(THICKER, self.most_mm)
@@ -177,7 +177,7 @@ class _Plan:
         return old, thicker, more * (self.seen[old] * self.shadows.pixels)
 
     def make(self, change: _Change) -> None:
-        """Add the candidate, or thicken the member; what its shadow covers then costs less."""
+        """Add the candidate, or thicken the member; pixels that it darkens cost nothing from now on."""
         one, number = change.member, change.number
         if change.added:
             self.taken = [*self.taken, number]
@@ -195,15 +195,16 @@ class _Plan:
 
 
 class _Piece:
-    """The piece on the given members, solved once, and how it moves on others as well."""
+    """The piece on the given members, solved once, to which others are added as springs."""
 
     def __init__(self, knots: Knots, sites: Sites, given: Candidates, stiffness: Stiffness) -> None:
         self.sites, self.given, self.stiffness = sites, given, stiffness
         self.frame = HeldFrame(piece_frame(knots, sites, given, stiffness))
 
     def on(self, members: Candidates, left: Indices | None = None) -> tuple[Array, float, Array]:
-        """Return how (`left`) sites move on members, (n, 6), how far at most (mm), and where
-        (3,)."""
+        """Return how the sites move, (n, 6), the largest displacement, mm, and its place (3,).
+
+        All `members` hold the piece, or only those numbered in `left` beside the given ones."""
         before = np.zeros(len(members))
         before[: len(self.given)] = self.given.radius
         changed = members.radius != before
@@ -216,7 +217,7 @@ class _Piece:
         return moved, float(size.max()), self.sites.point[int(size.argmax())]
 
     def gains(self, tried: Candidates, before: Array, moved: Array, manner: Manner) -> Array:
-        """Return the share of the norm that each takes away, thickened from `before`, (m,)."""
+        """Return by what share each member alone, thicker than `before`, lowers the norm, (m,)."""
         springs, loads = springs_of(tried, before, self.stiffness)
         loads *= manner.weighed
         after = self.frame.displacements_with_each(tried, springs, loads)[:, : len(moved), :3]
@@ -262,13 +263,13 @@ class _Search:
         return bool(((start < self.apart) & (end < self.apart)).any())
 
     def afresh(self) -> None:
-        """Forget what was measured: the members have changed."""
+        """Forget which candidates were free or no help, since the members have changed."""
         self.free[:] = False
         self.spoiled = []
 
 
 def _norm(moved: Array, norm: float) -> Array:
-    """Return the norm of displacements (..., n, 3)."""
+    """Return the p-norm of the sizes of displacements (..., n, 3), with p = `norm`."""
     size = np.linalg.norm(moved, axis=-1)
     largest = size.max(axis=-1, keepdims=True)
     return np.asarray(largest[..., 0] * ((size / largest) ** norm).sum(axis=-1) ** (1 / norm))
@@ -277,10 +278,10 @@ def _norm(moved: Array, norm: float) -> Array:
 def _promise(
     frame: HeldFrame, sites: Sites, candidates: Candidates, moved: Array, norm: float
 ) -> Array:
-    """Estimate to first order what a stiff link at each candidate takes from the norm, (n,).
+    """Estimate to first order how much a stiff link at each candidate would lower the norm, (n,).
 
-    It is the product of how far its ends move apart under the weight, and how far under the norm's
-    gradient as a load.
+    That is the product of how far its ends move apart under the weight, and how far they would under the
+    norm's gradient as a load.
     """
     n = len(sites.knot)
     size = np.linalg.norm(moved[:, :3], axis=1)
@@ -312,11 +313,11 @@ class Manner:
     """How candidates are weighed.
 
     Attributes:
-        rank: those of highest rank are tried first; `tried` of those that show nothing at a time, with
-            ends that are `apart_radii` tube radii apart.
-        norm: of the displacements, which a member is to lower: a large one is nearly the largest of them, but
-            smooth.
-        least_gain: the share of it that a member must take away; its own weight counts where `weighed`.
+        rank: ranks candidates; those of highest rank are tried first. Of those that show nothing, `tried` are
+            tried at a time, with ends at least `apart_radii` tube radii apart.
+        norm: the p of the displacements' p-norm, which members are to lower; for a large p it is a smooth
+            version of the largest displacement.
+        least_gain: the least share by which a member must lower it. `weighed`: whether its weight counts.
         wanted: the share of the allowed sag at which no more is added.
     """
 
@@ -338,9 +339,9 @@ PEGS = Manner(_nearness, 4.0, 32, 0.0, 0.005, True, 1.0)
 def _prune(
     piece: _Piece, members: Candidates, dark: Array, limit: float, thinnest_mm: float
 ) -> tuple[Indices, Candidates]:
-    """Take away the members that the limit does not need, and make thin those that show.
+    """Remove the members that the limit does not need, and thin those that show.
 
-    Returned are the members that stay, the given ones among them, and all of them as they then are.
+    Return the numbers of those that stay, the given ones included, and these members themselves.
 
     Args:
         dark: (n,) the share of the frames, summed, that each member alone darkens.

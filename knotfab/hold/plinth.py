@@ -1,4 +1,4 @@
-"""The base of a stand: below every view's frame as its light sees it, and as large as the piece needs."""
+"""The base of a stand: below every view's frame, seen from its light, and as large as the piece needs."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Slope:
         return Slope(self.axes, self.height_mm - by_mm, self.rise)
 
     def no_fall(self, front: float) -> Slope:
-        """Return the plane; if it falls towards a low light, level and as low as at its front."""
+        """Return the plane, made level at the height of its front if it falls towards a low light."""
         if self.rise >= 0:
             return self
         return Slope(self.axes, self.height_mm + self.rise * front, 0.0)
@@ -114,8 +114,8 @@ class Base:
     """A block on the desk, in the axes of its slope: right, up and out, mm.
 
     `left`, `right`, `back` and `front` bound it; `bottom` is the desk. `margin_mm` is how far
-    inside its foot the centre of mass of the whole part lies, `height_mm` how high; `tip_deg` how
-    far it can be tipped, whether the base is solid or printed with little infill.
+    inside its foot the centre of mass of the whole part lies, `height_mm` how high it lies. `tip_deg` is how
+    far the part can be tipped, whether the base is solid or printed with little infill.
     """
 
     slope: Slope
@@ -228,7 +228,7 @@ def _measure_base(
     piece: Array,
     thickness: float,
 ) -> tuple[Base, float, tuple[tuple[float, float], tuple[float, float]]]:
-    """Measure a base of this outline: it, the highest centre of mass, and where it may stand."""
+    """Measure a base of this outline; return it, and the bounds of the part's centre of mass."""
     bottom = slope.height_mm + slope.rise * back - thickness
     depth, width = front - back, right - left
     rear, fore = thickness, thickness + slope.rise * depth

@@ -71,15 +71,15 @@ class MountShadows:
         return np.array([view.darken(some) for view in self.views])
 
     def hidden(self, some: Candidates) -> Mask:
-        """Tell (n,) whether a member's whole shadow lies where all views are dark."""
+        """Return whether each member's whole shadow lies where the picture is dark, in all views, (n,)."""
         return self._in_all(some, MountShadow.hidden)
 
     def behind_knots(self, some: Candidates) -> Mask:
-        """Tell (n,) whether, in every view, a member's whole shadow lies in the knots'."""
+        """Return whether each member's whole shadow lies in the knots', in all views, (n,)."""
         return self._in_all(some, MountShadow.behind_knots)
 
     def _in_all(self, some: Candidates, unseen: Callable[[MountShadow, Candidates], Mask]) -> Mask:
-        """Tell (n,) what is true in every view, asking each view only about those still left."""
+        """Return what `unseen` says of each member, (n,), if it says so in all views."""
         found = np.ones(len(some), dtype=bool)
         for view in self.views:
             left = np.flatnonzero(found)
@@ -100,9 +100,9 @@ class MountShadow:
     unless the screen ends there (`ends`).
 
     Attributes:
-        camera: of the frame's fine pixels. own: (H + 2, W + 2), dark by the knots, with one row or
-            column around the frame. before: dark by picture or knots. dark: the same with the
-            members that were added.
+        camera: that of the frame's fine pixels. own: (H + 2, W + 2), dark where the knots are, with a row or
+            column on each side of the frame. before: dark where picture or knots are. dark: the same with
+            the members that were added.
     """
 
     def __init__(self, knots: Knots, camera: Camera, target: Mask, ends: bool = False) -> None:
@@ -137,7 +137,7 @@ class MountShadow:
         return float(more[1:-1, 1:-1].sum()) / self.pixels
 
     def hidden(self, some: Candidates) -> Mask:
-        """Tell (n,) whether a member's whole shadow lies where picture or knots darken anyway."""
+        """Return whether each member's whole shadow lies where picture or knots are dark anyway, (n,)."""
         found = np.ones(len(some), dtype=bool)
         # the middle first: few candidates are left for the rest
         for t in np.argsort(np.abs(np.linspace(0, 1, LOOKS) - 0.5)) / (LOOKS - 1):
@@ -148,9 +148,9 @@ class MountShadow:
         return found
 
     def behind_knots(self, some: Candidates) -> Mask:
-        """Tell (n,) whether a member's whole shadow lies in that of the knots.
+        """Return whether each member's whole shadow lies in that of the knots, (n,).
 
-        The shadow is looked at no more than a pixel apart along the member.
+        The shadow is sampled along the member, at most a pixel apart.
         """
         depth = np.asarray(distance_transform_edt(self.own))
         a, half_a = self._seen(some.start, some.radius)
@@ -171,7 +171,7 @@ class MountShadow:
     ) -> Array:
         """Estimate how many more pixels of the frame members would darken, (n,).
 
-        Each shadow is looked at in `samples` places along it and `across` half its width.
+        Each shadow is sampled at `samples` places along it, and at the shares `across` of half its width.
         """
         a, half_a = self._seen(some.start, some.radius)
         b, half_b = self._seen(some.end, some.radius)
@@ -244,7 +244,7 @@ class Rays:
     """The light rays through the vertices of the knots, (n,) in the knots' order.
 
     `top` and `foot` (n, 3) are where a ray leaves the tube's middle and where it meets the wall,
-    mm. Where it is `free` a peg may stand on it, of `share` of the radius of the tube's shadow.
+    mm. If it is `free`, a peg may run along it whose radius is `share` of that of the tube's shadow.
     `tangent` (n, 3) are the tube's unit directions.
     """
 
@@ -301,7 +301,7 @@ def _clear_rays(
     share: float,
     clearance: float,
 ) -> Mask:
-    """Tell (n,) whether all tubes but a peg's own joint keep their clearance from it.
+    """Return whether all tubes keep clear of each peg but at its own joint, (n,).
 
     Seen from the light a ray is a point, and what may touch it lies near that point: samples of the
     centre lines are looked up on the unit sphere about the light, and measured in space.

@@ -83,7 +83,7 @@ def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
 
 
 def unite(tubes: list[Mesh], fixtures: list[Fixture], genus: int, what: str) -> list[Mesh]:
-    """Unite tubes and fixtures to one watertight body with `genus` handles; as `fuse` does."""
+    """Unite tubes and fixtures to one watertight body with `genus` handles, as `fuse` does."""
     solids = [as_manifold(tube) for tube in tubes] + [fixture.solid() for fixture in fixtures]
     return [fuse(solids, genus, what)]
 
@@ -92,7 +92,7 @@ def fuse(solids: list[Manifold], genus: int, what: str, part: str = "the part") 
     """Fuse solids to one watertight body with `genus` handles.
 
     Raises:
-        SceneError: it has others, since something else touches; `what` names the mount.
+        SceneError: it has more or fewer, since something else touches; `what` names the mount.
     """
     from manifold3d import Manifold, OpType
 

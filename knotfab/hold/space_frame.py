@@ -54,7 +54,7 @@ class SpaceFrame:
         return self._solve(self.weight[:, None]).reshape(self.joints, 6)
 
     def flexibility(self, joints: Indices) -> Array:
-        """Return all moves for a unit force or couple on each of c joints, (6 n, c, 6)."""
+        """Return all moves and turns under a unit force or couple on each of c joints, (6 n, c, 6)."""
         unit = np.zeros((6 * self.joints, len(joints), 6))
         for number, joint in enumerate(joints):
             unit[6 * joint + np.arange(6), number, np.arange(6)] = 1.0

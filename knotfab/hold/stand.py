@@ -57,8 +57,8 @@ LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the short
 
 @dataclass(frozen=True)
 class StandSettings:
-    """Settings of a stand: `base_thickness_mm` at the back, `tip_deg` from which the part still
-    comes back, and the least radius of a member that the printer can make."""
+    """Settings of a stand: `base_thickness_mm` at the back, the `tip_deg` from which the part must still
+    come back, and the least radius of a member that the printer can make."""
 
     base_thickness_mm: float
     tip_deg: float
@@ -67,7 +67,7 @@ class StandSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class StandMount(MemberHolder):
-    """A stand, in the scene; its posts end on the base."""
+    """A stand in scene coordinates, whose posts end on the base."""
 
     base: Base
 
@@ -96,8 +96,8 @@ def plan_stand(
         ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:
-        SceneError: a knot cannot be reached, or a wall is too near for the base, or a light above
-            it.
+        SceneError: a knot cannot be reached, a wall is too near for the base, or a light looks down too
+            steeply.
     """
     tube = knots.radius_mm
     thin, thick = (max(s * tube, min(settings.min_radius_mm, tube)) for s in VISIBLE_SHARES)
@@ -197,7 +197,7 @@ def _list_posts(
 
 
 def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int) -> Candidates:
-    """Keep the members that show least of all, and least of each stretch of the tubes."""
+    """Keep the members that show least, both overall and in each stretch of the tubes."""
     cost = shadows.cost(every, COARSE, (0.0,)) + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")
     stretch = every.first[order] * STRETCHES // sites
@@ -289,7 +289,7 @@ def _add_posts(
     shadows: MountShadows,
     apart_mm: float,
 ) -> Candidates:
-    """Add posts up to `LEAST_POSTS`, feet apart, where they show least and have room."""
+    """Add posts until there are `LEAST_POSTS`, with their feet apart, where they show least and have room."""
     more = no_members()
     while True:
         there = join_members([chosen, more])

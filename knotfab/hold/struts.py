@@ -166,7 +166,7 @@ def list_struts(sites: Sites, pairs: Indices, tube_mm: float, radius_mm: float) 
 
 
 def sample_strands(knots: Knots) -> tuple[Array, Indices, Array, Array]:
-    """Sample all knots: points (m, 3), whose they are, their arc length, and each knot's length."""
+    """Sample all knots; return points (m, 3), their knots, their arc lengths, and each knot's length."""
     points, owner, arcs, lengths = [], [], [], []
     for i, k in enumerate(knots.knots):
         even = sample_evenly(k.points, SAMPLE_RADII * knots.radius_mm, at_most=True)
@@ -179,7 +179,7 @@ def sample_strands(knots: Knots) -> tuple[Array, Indices, Array, Array]:
 
 
 class Way:
-    """Bodies that members keep clear of; `members` are those that are there already."""
+    """Bodies that members keep clear of, among them the `members` added so far."""
 
     def __init__(self, members: Candidates) -> None:
         self.members = members
@@ -188,7 +188,7 @@ class Way:
         self.members = join_members([self.members, some])
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """Tell (n,) whether members touch nothing; the member numbered `but` is not in the way."""
+        """Return whether each member touches nothing, (n,); the existing one numbered `but` is ignored."""
         raise NotImplementedError
 
 
@@ -207,7 +207,7 @@ class Obstacles(Way):
         self.slack = (SAMPLE_RADII * knots.radius_mm) ** 2 / (8 * (knots.radius_mm + clearance_mm))
 
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
-        """Do as `Way.clear`; at the ground posts are wider by `ROOT_SHARE`."""
+        """Do what `Way.clear` says; at the ground posts are wider by `ROOT_SHARE`."""
         free = np.ones(len(some), dtype=bool)
         gap = self.tube + self.clearance + self.slack
         post = some.second == GROUND
@@ -251,7 +251,7 @@ class Obstacles(Way):
     def _narrow(
         self, some: Candidates, i: Indices, j: Indices, ahead: Mask, unit: Array, length: Array
     ) -> Mask:
-        """Tell (m,) whether a strand leaves its joint with member i slowly, or comes back."""
+        """Return whether a strand leaves its joint with member i slowly, or comes back, (m,)."""
         onward = self.beside[np.where(ahead, 1, 0), j]
         (_, here), (_, there) = (
             off_segments(self.points[of], some.start[i], unit[i], length[i]) for of in (j, onward)
@@ -261,7 +261,7 @@ class Obstacles(Way):
 
 
 def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tuple[Array, Array]:
-    """Return how far along its segment each point is, and how far off the line, (n,) each."""
+    """Return how far along its segment each point lies, and how far from it, (n,) each."""
     to = points - start
     along = np.clip(np.einsum("ij,ij->i", to, unit), 0.0, length)
     return along, np.asarray(np.linalg.norm(to - along[:, None] * unit, axis=1))
@@ -277,7 +277,7 @@ def beside_on_rings(counts: Indices) -> Indices:
 def opens_slowly(
     here: Array, there: Array, step: Array, contact: Array, clearance_mm: float
 ) -> Mask:
-    """Tell (n,) whether a strand and its member part so slowly that printing closes the gap.
+    """Return whether a strand and its member part so slowly that printing closes the gap, (n,).
 
     The gap must open along the strand from just before the two come apart until they are clear of
     each other.

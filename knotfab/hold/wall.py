@@ -37,7 +37,7 @@ OVERLAP_MM = 0.3  # a peg goes so far into its plate or dowel, beyond what its s
 
 
 class NotHeldError(SceneError):
-    """No pegs that were tried hold the piece where it is."""
+    """None of the pegs that were tried hold the piece where it is."""
 
 
 def hole_inset_mm(asked: Mount) -> float:
@@ -118,12 +118,12 @@ def plan_wall(
     Args:
         settings: what the scene asks of its mount, with its foot chosen.
         target: (H, W) the picture's silhouette; None: nothing but the knots hides struts.
-        thoroughly: try all that may help, and accept what then sags. Otherwise, where the piece
-            could be moved instead, leave out what takes long and hardly helps.
+        thoroughly: whether to try all that may help, and accept the sag that is left. Otherwise, where the
+            piece could be moved instead, what takes long and hardly helps is left out.
 
     Raises:
-        NotHeldError: a knot has no free ray to the wall, and nothing to hang on; and not
-            `thoroughly`, where it sags too much.
+        NotHeldError: a knot has no free ray to the wall, and nothing to hang on; or, unless `thoroughly`,
+            it sags too much.
     """
     best: WallMount | None = None
     remedy = "Use --mount none, a thinner tube, or fewer knots"
@@ -246,9 +246,9 @@ def _require_rays(chosen: Pegs) -> None:
 def _choose_rays(
     share: float, knots: Knots, camera: Camera, clearance_mm: float, stiffness: Stiffness
 ) -> tuple[Rays, Pegs, Array, Array]:
-    """Choose pegs among the free rays; with the rays, and the radii (n,) of pegs at tube and wall.
+    """Choose pegs among the free rays; return the rays, the pegs, and radii (n,) at tube and wall.
 
-    Pegs fill `share` of the tube's shadow, and less for a knot that leaves none as thick a way: one
+    Pegs fill `share` of the tube's shadow, or less for a knot that leaves no way for such a peg: a knot
     hardly larger than its tube is in its own way.
     """
     rays = free_rays(knots, camera, share, clearance_mm)
@@ -293,7 +293,7 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
 
 
 def wall_fixtures(mount: WallMount, camera: Camera, knots: int) -> list[list[Fixture]]:
-    """List the fixtures of each of the knots, and last the plate; in the scene."""
+    """List each knot's fixtures, and the plate last, in scene coordinates."""
     wall = np.column_stack(list(camera.wall_axes))
     groups: list[list[Fixture]] = [[] for _ in range(knots)]
     for peg in mount.pegs:

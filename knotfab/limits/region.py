@@ -1,4 +1,4 @@
-"""Region limit: the tube, surface included, stays inside a box, cylinder, sphere or mesh, before walls."""
+"""Region limit: the tube's surface stays inside a box, cylinder, sphere or mesh, in front of walls."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def outside(
 
 
 def _outside_region(points: Array, region: SettledRegion, radius: float) -> tuple[Array, Array]:
-    """Do as `outside`, for the region alone, in the precision of the points.
+    """Do what `outside` does, without walls and in the precision of the points.
 
     Of a box the largest excess over its faces counts, of a cylinder (its own axis y) that over
     mantle and ends.
@@ -77,7 +77,7 @@ def _outside_region(points: Array, region: SettledRegion, radius: float) -> tupl
 def tube_outside(points: Array, ahead: Array, limits: Limits) -> tuple[Array, Array]:
     """Return points (k, 3) of a centre line, and bounds of how far the tube sticks out there, mm (k,).
 
-    Convex regions: the vertices `points` (n, 3) decide. Into a tube in a mesh a wall may poke between
+    For convex regions the vertices `points` (n, 3) decide. In a mesh, a wall may poke into the tube between
     them, so the middles of the edges to `ahead` (n, 3) are measured too. A wall point at distance d
     from an edge of length e is at most sqrt(d² + (e/4)²) from one of these: the radius is enlarged
     so, by 0.6 % at edges of 0.45 radii.
@@ -105,7 +105,7 @@ def region_term(state: State, limits: Limits) -> Felt:
 def slack(points: Array, rings: Polylines, limits: Limits) -> float:
     """Return how far every vertex may move before the region is felt, mm.
 
-    No vertex comes nearer to a boundary than it moves. In a mesh the radius grows with the mean
+    A vertex approaches a boundary by no more than it moves. In a mesh the radius grows with the mean
     edge e as sqrt(r² + (e/2)²), which is at most half as fast as e, and e grows at most twice as
     fast as vertices move: together they come nearer twice as fast.
     """

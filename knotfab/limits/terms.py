@@ -68,7 +68,7 @@ def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
 
 
 def total_length(state: State) -> Felt:
-    """Return the total edge length, mm, with its gradient; edges of no length pull nowhere."""
+    """Return the total edge length, mm, with its gradient; edges of no length have none."""
     length = np.sqrt((state.edge * state.edge).sum(axis=1))
     along = state.edge / np.maximum(length, 1e-300)[:, None]
     return float(length.sum()), follow_edges(along, state.rings)
@@ -83,7 +83,7 @@ Slack = Callable[[Array, Polylines, Limits], float]
 class Limit:
     """One limit: its hinge term with gradient, and how far it is from being felt.
 
-    Without a `slack` it is always evaluated: strands of a filling lie side by side, every curve bends.
+    A limit without a `slack` is always evaluated: in a filling strands always lie side by side, and bend.
     """
 
     name: str

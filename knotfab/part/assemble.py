@@ -34,10 +34,10 @@ _ANY_SIZE = (1e6, 1e6, 1e6)
 
 @dataclass(frozen=True, repr=False)
 class Part(InNotebook):
-    """The piece: `bodies` in print pose, with the tubes and mount of which they were made.
+    """The piece: `bodies` in print pose, with the tubes and mount that they were made of.
 
-    `plates` are what is printed, if the printer does not hold the whole. `standing` is of a piece
-    that prints without supports; its bars are the last of the bodies.
+    `plates` are what is printed, if the printer does not hold the whole. `standing` belongs to a
+    piece that prints without supports; its bars are the last of the bodies.
     """
 
     bodies: list[Mesh]
@@ -110,7 +110,7 @@ def part_of(
 
 
 def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array], bool]:
-    """Return a test whether points (n, 3), in print, cast all shadows on a picture's."""
+    """Return a function that tests whether the picture hides the shadows of all points (n, 3), in print."""
     height, width = mask.shape
     projection = camera.projection @ matrix
 
@@ -247,7 +247,7 @@ def stand(
 
 
 def _cut_level(body: Mesh, height: float) -> Mesh:
-    """Return what of a body is above a height, laid on the bed."""
+    """Return the share of a body above a height, laid on the bed."""
     vertices, faces = as_mesh(as_manifold(body).trim_by_plane((0.0, 0.0, 1.0), height))
     vertices[:, 2] = np.maximum(vertices[:, 2] - height, 0.0)
     return clean_body((vertices, faces))

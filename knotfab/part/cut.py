@@ -112,7 +112,7 @@ def find_cuts(
 
 
 def _rate_places(line: Line, nozzle: float) -> dict[int, tuple[int, float, float]]:
-    """Find the vertices that may be cut: side of the pin, its radius, and how good the place is."""
+    """Map each vertex that may be cut to the pin's side, its radius, and how good the place is."""
     p, r = line.points, line.radius
     edge = np.linalg.norm(np.roll(p, -1, axis=0) - p, axis=1)
     reach = PIN_RADII * r + 0.5 * r

@@ -68,7 +68,7 @@ def write_coloured_3mf(
         names, colors: one for each body; colours as "#rrggbb" in sRGB.
 
     Raises:
-        ValueError: as `write_3mf`; and a name or colour too few, or no colour.
+        ValueError: as `write_3mf`; or there is a name or colour too few, or a colour is malformed.
     """
     _require_positive(bodies)
     if not len(names) == len(colors) == len(bodies):
@@ -97,7 +97,7 @@ def _require_positive(bodies: Sequence[Mesh]) -> None:
 
 
 def _new_model(about: About) -> tuple[Any, Any]:
-    """Make a model in millimetres with its words about itself; returned with lib3mf's wrapper."""
+    """Make a model in millimetres with its words about itself; return lib3mf's wrapper, too."""
     import lib3mf
 
     wrapper = lib3mf.get_wrapper()
@@ -228,7 +228,7 @@ def _set_geometry(
 
 
 def _read_geometry(wrapper: Any, body: Any) -> Mesh:
-    """Read vertices (n, 3) and faces (m, 3) into arrays at once, for the same reason."""
+    """Read vertices (n, 3) and faces (m, 3) into arrays at once, for the reason given in `_set_geometry`."""
     import lib3mf
 
     vertices = np.empty((body.GetVertexCount(), 3), dtype=np.float32)
@@ -246,7 +246,7 @@ def _read_geometry(wrapper: Any, body: Any) -> Mesh:
 
 @contextmanager
 def _locale_kept() -> Iterator[None]:
-    """Restore the locale: lib3mf sets it to "C", in which Python opens text files as ASCII."""
+    """Restore the locale afterwards: lib3mf sets it to "C", in which Python opens text files as ASCII."""
     before = locale.setlocale(locale.LC_ALL)
     try:
         yield

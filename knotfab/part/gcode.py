@@ -175,7 +175,7 @@ VOLUME_SHARE = 1 / 1024  # by which both volumes may differ
 def make_check(
     name: str, passed: bool, measured: float, limit: float, unit: str, detail: str
 ) -> SlicerCheck:
-    """Make one check of the slicing."""
+    """Build a check with status "pass" or "fail"."""
     return SlicerCheck(name, "pass" if passed else "fail", measured, limit, unit, detail)
 
 
@@ -222,7 +222,7 @@ def compare_gcode(
     - `place`: the lines of the part reach as far as the mesh, in each direction;
     - `surface`: no place of any body's surface is far from a printed line, as it is where a body
       was left out, dropped onto the bed or moved, or a piece is too thin to be printed;
-    - `filament`: as much as the mesh is big, less at most what the infill spares;
+    - `filament`: as much as the mesh's volume asks for, less at most what the infill spares;
     - `layers`: as many as the height asks for.
     """
     width, layer = line_width(scene), scene.printer.layer_height_mm

@@ -108,7 +108,7 @@ def estimate_supports_cm3(found: Estimate) -> float:
 
 
 def keeps_limits(found: Estimate, rules: Rules) -> bool:
-    """Tell whether the printer's limits for overhangs are kept, as far as can be estimated."""
+    """Return whether the printer's limits on overhangs are kept, as far as can be estimated."""
     if rules.supports:
         return (
             rules.max_support_cm3 is None or estimate_supports_cm3(found) <= rules.max_support_cm3
@@ -182,7 +182,7 @@ FLATTER = (0.6, 0.0)  # shares of the depth that are estimated for the report as
 
 @dataclass(frozen=True)
 class Flattening:
-    """What was changed for supports beyond the printer's limit, or for pegs that do not hold; mm.
+    """The changes made because supports exceed the printer's limit, or pegs do not hold; mm.
 
     `from_mm` is the depth of the first search, `to_mm` of the one that was kept (equal if none
     followed), and `proposed_mm` what the kept one would still need, if anything. `unheld` says why
@@ -205,7 +205,7 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
         knots: in scene coordinates, with centre lines that extend `depth_mm` along z.
 
     Returns:
-        None: there is no limit, it is kept already, or not even a flat piece would keep it.
+        None if there is no limit, if it is kept already, or if not even a flat piece would keep it.
     """
     if rules.max_support_cm3 is None or not rules.supports or rules.powder:
         return None
@@ -230,9 +230,9 @@ def estimate_flatter(
 ) -> list[Flatter]:
     """Estimate the cost of the same curves with less depth, each in its own best pose.
 
-    The strands cost by their length what the slicer says of the piece as it is, less supports and
-    layers. These are the pose's, with supports scaled as the slicer's are to their estimate. A new
-    search with less depth lays the strands anew.
+    The strands' cost is what the slicer says of the piece as it is, less supports and layers, scaled by their
+    length. Supports and layers are those of the new pose, with supports scaled by the ratio of the slicer's
+    to their estimate. A new search with less depth would lay the strands differently.
 
     Args:
         knots: in scene coordinates. sliced: the piece as it is, by the slicer.

@@ -61,7 +61,7 @@ class Plates:
     poses: list[PoseFigures]
 
     def files(self, suffix: str = "") -> list[str]:
-        """Name the plates' files; `suffix` is such as "-01" of a sequence's frame."""
+        """Name the plates' files, with a suffix such as "-01" for a sequence's frame."""
         return [f"plate{suffix}-{number}.3mf" for number in range(1, len(self.plates) + 1)]
 
     def figures(self, suffix: str = "") -> PlatesFigures:
@@ -97,10 +97,10 @@ def lay_on_plates(
     rules: Rules,
     upright: Array | None = None,
 ) -> Plates:
-    """Lay every body on a plate in a print pose of its own; bodies that no plate holds are cut.
+    """Lay every body on a plate, each in its own print pose; cut bodies that no plate holds.
 
-    Pieces are cut so that their supports fit beside them (`rules.margin_mm`); or if no cut leaves
-    that room, so that they fit themselves, as a whole piece would (`choose_pose`).
+    Pieces are cut so that their supports fit beside them (`rules.margin_mm`) or, if no cut leaves that
+    room, so that at least the pieces fit, as for a whole piece (`choose_pose`).
 
     Args:
         part_pose: pose of the assembled piece, as it is written to part.stl.
@@ -219,7 +219,7 @@ CROSS = np.concatenate([np.eye(3), -np.eye(3)])
 
 
 def can_be_split(mounted: Mounted) -> bool:
-    """Tell whether every knot is a body of its own: without a mount, or on dowels."""
+    """Return whether every knot is a separate body, as it is without a mount or on dowels."""
     return mounted.stand is None and (mounted.wall is None or mounted.wall.settings.foot == "dowel")
 
 

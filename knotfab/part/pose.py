@@ -30,8 +30,8 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 class PoseAccount:
     """How a pose was chosen: the `chosen` one of the `tried`, the next best, and the lowest.
 
-    `too_large` of the tried cost less but do not fit the printer. `within` tells whether it keeps
-    the printer's limits for overhangs, as far as estimates can say.
+    `too_large` of the tried cost less but do not fit the printer. `within` says whether it keeps
+    the printer's limits on overhangs, as far as estimates can say.
     """
 
     chosen: Ranked
@@ -42,7 +42,7 @@ class PoseAccount:
     within: bool
 
     def figures(self, body: str | None = None) -> PoseFigures:
-        """Make the pose's entry in the report; of a body on a plate, with its name."""
+        """Make the pose's entry in the report, with the name of a body on a plate."""
         return PoseFigures(
             **vars(_figures(self.chosen)),
             body=body,
@@ -129,7 +129,7 @@ def choose_pose(
 def fits_upright(
     outline: Array, height_mm: float, build_volume_mm: tuple[float, float, float]
 ) -> bool:
-    """Tell whether what has this outline (n, 2), mm, and height fits a printer without being laid down."""
+    """Return whether a prism of this outline (n, 2), mm, and height fits a printer standing up."""
     ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (0.0, height_mm)]
     room = np.asarray(build_volume_mm, dtype=np.float64)
     return _find_turn(np.concatenate(ends), room, (np.eye(3),))[0] is not None
@@ -144,7 +144,7 @@ def _choose_weighed(
     rules: Rules,
     frame: tuple[float, float] | None,
 ) -> PrintPose:
-    """Take the first of the poses in `order` that fits, with its supports if one does.
+    """Take the first pose in `order` that fits together with its supports or, if none does, without them.
 
     `points` are the corners of the hull.
     """
@@ -188,7 +188,7 @@ def _find_fitting(
 def _find_turn(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> tuple[Array | None, list[Array]]:
-    """Find the first rotation with one of `sides` up that fits; and the sizes before it."""
+    """Find the first rotation with one of `sides` up that fits, and the sizes of those tried before it."""
     sizes: list[Array] = []
     for turn, size in chain(_square_turns(points, sides), _oblique_turns(points, room, sides)):
         if _fits(size, room):
@@ -230,7 +230,7 @@ def lay_on_bed(
 
 
 def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """Rotate each of `sides` up, and a quarter further; with the sizes, least height first.
+    """List the rotations that turn each of `sides` up, each also a quarter further, with sizes, lowest first.
 
     Ties keep the order of preference.
     """
@@ -240,7 +240,7 @@ def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Ar
 
 
 def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """Rotate each side up, then about the vertical to the least footprint; the least box first.
+    """List the rotations that turn each side up with the least footprint, with sizes, the least box first.
 
     Both ways round are listed, for the bed may be longer in one direction.
     """
@@ -278,7 +278,7 @@ def _quarters(turn: Array) -> tuple[tuple[Array, Array], ...]:
 def _oblique_turns(
     points: Array, room: Array, sides: Sequence[Array]
 ) -> Iterator[tuple[Array, Array]]:
-    """Rotate each side up, and about the vertical to leave most room; lowest first."""
+    """Yield the rotations that turn each side up and leave most room, with sizes, lowest first."""
     for upright, _ in _square_turns(points, sides)[::2]:
         turned = points @ upright.T
         angle, width, depth = _sweep_about(turned)
@@ -294,7 +294,7 @@ def _explain_too_large(
     frame: tuple[float, float] | None,
     mounted: bool = False,
 ) -> SceneError:
-    """Say which smaller frame would fit: it shrinks all of a size but the part `fixed` (3,)."""
+    """Build the error that names a smaller frame that would fit; of each size only `fixed` (3,) stays."""
     scales = [
         float(((room - fixed) / np.maximum(size - fixed, 1e-9))[size > room + FITS_MM].min())
         for size in sizes

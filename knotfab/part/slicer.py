@@ -1,4 +1,4 @@
-"""Slice written 3MF files with PrusaSlicer, beside the build, without anybody's settings."""
+"""Slice written 3MF files with PrusaSlicer, beside the build, whatever the user's own settings."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MOST_QUOTED = 400  # characters quoted of its output
 
 
 class SlicerQueue:
-    """`slice_part` of file after file, on threads of their own, while others search and verify.
+    """Runs `slice_part` on file after file, on its own threads, while others search and verify.
 
         with SlicerQueue() as queue:
             sliced = queue.submit(folder / "part.3mf", scene)
@@ -90,7 +90,7 @@ class SlicerQueue:
         )
 
     def _hear(self, said: str) -> None:
-        """Note the last percentage that the program printed; it goes back and forth."""
+        """Note the largest percentage that the program has printed; it goes back and forth."""
         self.done = max(
             (int(n) / 100 for n in re.findall(r"^ *(\d+) => ", said, re.M)), default=0.0
         )
@@ -115,7 +115,7 @@ def slice_part(
         part_3mf: as `write_3mf` wrote it, beside the `slicer.ini` of `write_profile`.
         scene: resolved; its printer is what the G-code must keep to.
         work: an existing folder for temporary files, all removed again; the machine's by default.
-        timeout_s: over both runs of the program.
+        timeout_s: for both runs of the program together.
         program: path of PrusaSlicer; the one on the path by default.
         stop: ends the program when it is set. hear: called with what it prints while it slices.
         kept_png: a picture of the part; with it, the G-code is kept beside the file.

@@ -46,12 +46,12 @@ def run_limited(
 ) -> Ended:
     """Run `command` with `folder` as its home, in a process group that is killed to stop it.
 
-    It is stopped when `timeout_s` have passed, when it says or writes too much, and when `stop` is
-    set. On Linux it ends with this process, too. What it says goes to files of the folder, so that
+    It is stopped when `timeout_s` have passed, when it prints or writes too much, or when `stop` is
+    set. On Linux it ends with this process, too. Its output goes to files in the folder, so that
     it never waits for a reader.
 
     Args:
-        hear: called with what it has said so far, while it runs.
+        hear: called with what it has printed so far, while it runs.
 
     Raises:
         OSError: the command cannot be started.
@@ -137,14 +137,14 @@ REMEDY = "apt-get install --no-install-recommends prusa-slicer"
 
 
 def find_slicer() -> str | None:
-    """Find the program's path, if it is installed."""
+    """Return PrusaSlicer's path; None if it is not installed."""
     path = os.pathsep.join([os.environ.get("PATH", os.defpath), *PLACES])
     return next(filter(None, (shutil.which(name, path=path) for name in NAMES)), None)
 
 
 @cache
 def ask_help(program: str) -> Ended:
-    """Print its help text, which begins with its version."""
+    """Return the program's help text, which begins with its version."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         try:
             return run_limited([program, "--help"], Path(home), 20.0)
@@ -153,7 +153,7 @@ def ask_help(program: str) -> Ended:
 
 
 def read_version(program: str) -> tuple[int, int] | None:
-    """Read the program's version, two numbers, from what it says; None if it does not."""
+    """Return the program's major and minor version; None if its help text names none."""
     found = re.search(r"PrusaSlicer-(\d+)\.(\d+)", ask_help(program).out)
     return None if found is None else (int(found[1]), int(found[2]))
 
@@ -200,10 +200,10 @@ class Sliced:
 class NotSliced:
     """Why there are no figures.
 
-    - `missing`: the program is not installed; `process`: the piece is not of filament; `stopped`:
-      no answer in the time it had. Nothing is known of the part.
-    - `refused`: PrusaSlicer would not slice the part; `crashed`: it died of it, or wrote nothing of
-      use. That speaks against the part.
+    - `missing`: the program is not installed; `process`: the piece is not made of filament; `stopped`: time
+      ran out. Nothing is known of the part.
+    - `refused`: PrusaSlicer would not slice the part; `crashed`: it crashed, or wrote nothing useful. That
+      speaks against the part.
     """
 
     kind: Literal["missing", "process", "stopped", "refused", "crashed"]
@@ -213,7 +213,7 @@ class NotSliced:
 
 
 def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
-    """Sum several files, by their names: the first that could not be sliced decides.
+    """Sum the figures of several files; if one could not be sliced, return the first such answer.
 
     Times, filament, layers and objects are added. Checks and warnings name their file, and the
     command is that of part-N.3mf.

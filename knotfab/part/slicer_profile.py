@@ -36,7 +36,7 @@ FILAMENTS = {
 
 
 def why_not_sliced(scene: ResolvedScene) -> str | None:
-    """Say why a slicer for filament has nothing to say of this piece; None if it has."""
+    """Say why a filament slicer cannot judge this piece; None if it can."""
     if scene.material.process == "wire":
         return "wire: bent, not sliced"
     resin = "resin" in (scene.material.process, scene.printer.process)
@@ -58,7 +58,7 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
     """Return PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
 
     Bed, height, nozzle, layers and supports are the printer's, density and temperatures the
-    material's. The rest is a cautious machine, so that the time is rather too long than too short.
+    material's. The rest describes a cautious machine, so that the time is rather too long than too short.
     Supports are branches (organic) if the `program` that is to read the file can grow them. Names
     are those of PrusaSlicer 2.5, which later versions read too.
     """
@@ -137,18 +137,17 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
 
 
 def _support_style(program: str | None) -> str:
-    """Choose branches that touch a strand's underside alone, or else walls no wider than it.
+    """Choose branches, which touch only a strand's underside, or else walls no wider than it.
 
-    A grid would widen them to its cells: half the filament. A version without branches refuses the
-    file.
+    A grid would widen the supports to its cells, at twice the filament. A version without branches would
+    refuse the file.
     """
     version = None if program is None else read_version(program)
     return "organic" if version is not None and version >= (2, 6) else "snug"  # PrusaSlicer
 
 
 def write_profile(folder: Path, scene: ResolvedScene) -> None:
-    """Write slicer.ini for the program of this machine, if a slicer has something to say of the
-    piece."""
+    """Write slicer.ini for this machine's PrusaSlicer, unless a filament slicer cannot judge the piece."""
     if why_not_sliced(scene) is None:
         found = profile(scene, find_slicer()).items()
         text = "".join(f"{key} = {value}\n" for key, value in found) + _tell_change(scene)
@@ -225,7 +224,7 @@ _START = re.compile(r"^print(?:_object)? warning: ")
 
 
 def explain_warning(text: str) -> SlicerWarning:
-    """Add to a warning what is known of it."""
+    """Add what is known about a warning."""
     for pattern, explanation, settled in _KNOWN:
         if re.search(pattern, text):
             return SlicerWarning(text, explanation, settled)
@@ -236,7 +235,7 @@ def read_warnings(said: str) -> list[SlicerWarning]:
     """Read the warnings in what PrusaSlicer said: all that does not report progress.
 
     A warning runs over several lines, up to the next line of progress; a repeated one is listed
-    once. Lines that belong to no warning stand for themselves.
+    once. Each line that belongs to no warning is listed by itself.
     """
     blocks: list[list[str]] = []
     inside = False

@@ -115,7 +115,7 @@ def write_part(
 
 
 def write_model(folder: OutputFolder, part: Part, scene: SettledScene, suffix: str = "") -> None:
-    """Write part.glb, to be looked at and not verified. Arguments are as for `write_part`."""
+    """Write part.glb, which is for viewing and is not verified. Arguments are as for `write_part`."""
     assert scene.pose is not None
     pose, color = np.array(scene.pose.matrix), scene.material.color
     write_glb(folder.file(f"part{suffix}.glb"), part.bodies, pose, part.names, color)
@@ -163,7 +163,7 @@ def write_glb(
 
     Args:
         pose: (4, 4), from the bodies' coordinates to the scene, whose y is up as glTF's is.
-        names: of the bodies. color: theirs, "#rrggbb".
+        names, color: the bodies' names, and their common colour, "#rrggbb".
     """
     import trimesh as untyped
 
@@ -191,8 +191,8 @@ GCODE_PX = 480  # G-code has smaller copies of this picture
 def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
     """Collect the words of the part's 3MF files, from the scene's [about] and the piece.
 
-    The title defaults to the pictures' names, the designer to knotfab. Without terms of a licence
-    the file has none: whose the picture is, it cannot know.
+    The title defaults to the pictures' names, the designer to knotfab. If the scene gives no licence
+    terms, the file has none, since knotfab cannot know whose picture it is.
     """
     names = " and ".join(target.shown for target in targets)
     return About(

@@ -166,7 +166,7 @@ def _make_ring(outer: float, inner: float) -> Manifold:
 
 
 def _stand_frame(knots: Knots, ground: float) -> tuple[Manifold, int]:
-    """Stand a frame's tube on posts down to the height `ground`, y up; with the number of posts."""
+    """Stand a frame's tube on posts down to the height `ground`, y up; return the number of posts, too."""
     from manifold3d import Manifold
 
     knot, radius = knots.knots[0], knots.radius_mm

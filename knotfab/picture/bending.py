@@ -23,8 +23,8 @@ _CRUMB = 1e-4  # share of the picture's pixels below which a piece or hole is ig
 
 @dataclass(frozen=True)
 class Bending:
-    """The bending of a picture, as shares of its height: over its silhouette on average (root mean square)
-    and at most; `stretch`, the longest that a step of one in it became, or 1 over the shortest."""
+    """How far a picture is bent, as shares of its height: over its silhouette on average (root mean square)
+    and at most; `stretch` is the largest factor by which a length in it grew or shrank."""
 
     rms: float
     most: float

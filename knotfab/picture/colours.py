@@ -88,7 +88,7 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
         colours: (H, W, 3). inside: (H, W), the pixels that are opaque, at least one.
 
     Returns:
-        (H, W), and the clusters, or None where there is one.
+        The parts, (H, W), and the clusters, None if there is only one.
     """
     from scipy import ndimage
 
@@ -163,8 +163,8 @@ _EDGE, _EDGES = 0.3, 0.85
 def even_out(image: Image.Image) -> Image.Image | None:
     """Return a dark drawing on paper under even light; None for other pictures or light even enough.
 
-    It is one only if what is dark after the division has clear edges in the picture itself, little is
-    neither dark nor light, and the border is paper of one hue.
+    It must have clear edges where it is dark after division by the light, little that is neither dark nor
+    light, and a border of paper of one hue.
     """
     rgb = np.asarray(image.convert("RGB"))
     every = -(-max(rgb.shape[:2]) // _SIDE)
@@ -250,7 +250,7 @@ def is_photo(image: Image.Image) -> bool:
 
 
 def is_grainy(image: Image.Image) -> bool:
-    """Return whether hardly two pixels of a picture are alike, as a camera's are not."""
+    """Return whether hardly any two pixels of a picture are alike, as in a camera's."""
     rgb = np.asarray(image.convert("RGB"))
     every = -(-max(rgb.shape) // 96)
     few = rgb[::every, ::every].reshape(-1, 3)

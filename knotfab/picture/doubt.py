@@ -1,4 +1,4 @@
-"""Whether a picture may as well be meant the other way round, and the option that reads it so."""
+"""Whether a picture may just as well be meant the other way round, and the option that reads it so."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ _LEAST_INK, _MOST_INK = 0.04, 0.7  # ink of a likely reading, as a share of the 
 class Doubt:
     """Another reading of a picture that is about as likely as the one taken, with the view's keys for it.
 
-    `iou` is that of the two silhouettes.
+    `iou` compares the two silhouettes.
     """
 
     keys: Mapping[str, Any]
@@ -73,7 +73,7 @@ class Doubt:
 
 
 def is_guessed(notes: Sequence[str]) -> bool:
-    """Return whether a picture's notes tell of a reading that its ground or border only suggests."""
+    """Return whether a picture's notes say that its ground or border merely suggested how to read it."""
     told = " ".join(notes)
     return any(word in told for word in ("--ink flood", "darkest spot", "a sheet of paper"))
 
@@ -96,10 +96,10 @@ def find_doubt(
     notes: Sequence[str],
     size: tuple[int, int],
 ) -> Doubt | None:
-    """Find the likeliest other reading if it shows something else than the one taken, and neither is sure.
+    """Find the likeliest other reading, if it shows something else than the one taken and neither is sure.
 
-    A reading is sure where somebody said how to read, and where a drawing lies on one colour that is no sheet
-    itself.
+    The reading taken is sure if somebody said how to read the picture, or if the drawing lies on a plain
+    ground and is not itself a sheet.
 
     Args:
         image: as decoded, upright, perhaps shrunk. mask: the silhouette taken, at any size, of the picture's
@@ -160,7 +160,7 @@ def _has_plain_border(image: Image.Image) -> bool:
 def _find_sheet(mask: Mask, rgb: NDArray[np.int64]) -> tuple[bool, Box | None]:
     """Return whether a silhouette may be a sheet that something is drawn on, and a box about that.
 
-    A sheet has the outline of a rectangle, or any that is convex and is much lighter than what is drawn.
+    A sheet is a rectangle, or any convex shape that is much lighter than what is drawn on it.
     """
     from scipy.ndimage import binary_erosion
 
@@ -189,7 +189,7 @@ def _find_sheet(mask: Mask, rgb: NDArray[np.int64]) -> tuple[bool, Box | None]:
 
 
 def _within(mask: Mask, crop: Box, shape: tuple[int, ...]) -> Mask:
-    """Return a cropped mask as part of the whole picture's."""
+    """Put a cropped mask back in its place in the whole picture."""
     left, top, width, height = crop
     whole = np.zeros(shape, dtype=bool)
     whole[top : top + height, left : left + width] = mask
@@ -197,7 +197,7 @@ def _within(mask: Mask, crop: Box, shape: tuple[int, ...]) -> Mask:
 
 
 def _enlarge(box: Box, every: int, size: tuple[int, int]) -> Box:
-    """Return a box of the reduced picture in px of the whole one."""
+    """Convert a box of the picture reduced by `every` to px of the whole one."""
     left, top = box[0] * every, box[1] * every
     return left, top, min(box[2] * every, size[0] - left), min(box[3] * every, size[1] - top)
 

@@ -111,10 +111,10 @@ def count_knots(targets: Sequence[Target], asked: int | None = None) -> int:
     """Return how many knots move through all frames: one per piece if all have equally many, else one.
 
     Args:
-        asked: what the scene says of it.
+        asked: the number that the scene gives.
 
     Raises:
-        InputError: more than one, and a frame has another number of pieces.
+        InputError: more than one is asked for, and a frame has a different number of pieces.
     """
     counts = [target.pieces for target in targets]
     if asked is None:

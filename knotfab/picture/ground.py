@@ -204,8 +204,8 @@ def guess_reading(
 ) -> tuple[Reading, tuple[str, ...]]:
     """Guess how to read an opaque picture where nobody says what is ink; return the notes, too.
 
-    A frame of one colour, thinner than 1.5 % of the shorter side, is cropped off. Where the border is of two
-    or three colours, none of which has most of it, what none of them reaches is drawn (`flood`).
+    A frame of one colour, thinner than 1.5 % of the shorter side, is cropped off. If the border has two or
+    three colours, none of which covers most of it, whatever they do not reach is drawn (`flood`).
 
     Raises:
         InputError: the picture has only the colours of its border, of which none is the background.
@@ -252,9 +252,9 @@ def guess_reading(
 
 
 def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: float) -> float:
-    """Return a lower threshold where only a small spot exceeds the usual one, but a pale body does not.
+    """Return a lower threshold if only a small spot exceeds the usual one but a pale body does not, else 0.
 
-    0 where there is no such body: one of a single colour, with five times the spot's area.
+    Such a body has a single colour and five times the spot's area.
     """
     every = -(-max(rgb.shape[:2]) // 1500)
     few = rgb[::every, ::every]

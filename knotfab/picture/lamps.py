@@ -1,6 +1,6 @@
 """A picture in colours taken apart into one mask a lamp: where each lamp must be hidden.
 
-Lamps that light one white screen mix there: with n lamps 2^n colours, by which of them are hidden. Each pixel
+Lamps that light one white screen mix there: n lamps make 2^n colours, one for each set hidden. Each pixel
 gets the mixture nearest to it in OKLab (Ottosson 2020), hue before lightness and chroma: a dark green is
 drawn green, not black. What lies between two flat colours as their mixture (antialiasing, JPEG's blur)
 belongs to the nearer one of them, so that no seam of a third colour runs between the two.
@@ -69,7 +69,7 @@ Labels = NDArray[np.int64]
 class Separation:
     """Masks (n, H, W), True where a lamp is hidden, and `seen` (H, W, 3), sRGB from 0 to 1, what that shows.
 
-    `shares` are those of the picture that each mixture takes, by the lamps that are hidden there; `error` is
+    `shares` are the parts of the picture that mixtures take, by the lamps that are hidden there; `error` is
     the mean distance from the picture in OKLab, and `lines` tell what is lost.
     """
 
@@ -125,12 +125,12 @@ def separate(
 ) -> Separation:
     """Separate a picture, which errors call `what`, into masks of lamps of linear colours (n, 3).
 
-    A photograph's grain is smoothed before, so that each pixel of it is not an area of its own.
+    A photograph's grain is smoothed first, lest each of its pixels become a separate area.
 
     Args:
         most: how many mixtures to use, those that take most of the picture; 0: all.
-        smooth_px: detail finer than this joins its surroundings, px of the picture; 0: as it needs.
-        speck_px: spots of fewer px of the picture join theirs; 0: those that no strand draws.
+        smooth_px: detail finer than this joins its surroundings, px of the picture; 0: as strands need.
+        speck_px: spots of fewer px join theirs, too; 0: those that no strand draws.
 
     Raises:
         InputError: the picture is grey, or a lamp is hidden nowhere.
@@ -273,8 +273,8 @@ def _nearest_colour(lab: Array, palette: Array, kept: Labels) -> Labels:
 def _distance(lab: Array, mixture: Array) -> Array:
     """Return the squared dissimilarity of colours (H, W, 3) to a mixture (3,), both OKLab, (H, W).
 
-    Hue counts in full, lightness and chroma less, for lamps mix only strong colours. But what has little
-    chroma of its own is to get none: a grey must not turn blue because it is as dark.
+    Hue counts in full, lightness and chroma less, for lamps mix only strong colours. But a colour of
+    little chroma must get none: a grey must not turn blue because it is as dark.
     """
     chroma, strong = np.hypot(lab[..., 1], lab[..., 2]), float(np.hypot(*mixture[1:]))
     light = _LIGHTNESS * (lab[..., 0] - mixture[0])
@@ -355,8 +355,7 @@ def _without_specks(labels: Labels, least_px: float) -> Labels:
 def _without_slivers(labels: Labels, reach_px: float) -> Labels:
     """Merge tapering ends thinner than twice the reach into their neighbours.
 
-    No strand is as thin as a crescent's horn. An area that is so thin all over, as a line is,
-    stays.
+    No strand is as thin as a crescent's horn. An area that is thin all over, such as a line, stays.
     """
     thin = np.zeros(labels.shape, dtype=bool)
     for k in np.unique(labels):

@@ -55,8 +55,8 @@ def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: boo
     that is an ellipse, which lies along the shape and is as wide as fits.
 
     Args:
-        inset: of the centre line in the shape. bend: the least bend radius.
-        flat: the ring cannot be turned out of the picture's plane.
+        inset: how far inside the shape the centre line must lie. bend: the least bend radius.
+        flat: whether the ring cannot be turned out of the picture's plane.
     """
     middle, sides = _rectangle(shape)
     lengths = np.linalg.norm(sides, axis=1)
@@ -71,9 +71,9 @@ def least_ring(shape: Polygon | LinearRing, inset: float, bend: float, flat: boo
 
 
 def thickest_radius(polygon: MultiPolygon, iou: float, low: float, high: float) -> float | None:
-    """Return the largest radius, `low` to `high`, whose opening has this IoU; None if `low` has not.
+    """Return the largest radius from `low` to `high` whose opening has this IoU; None if none has.
 
-    In the polygon's own unit; a frame s times as large allows a tube s times as thick.
+    Radii are in the polygon's unit; a frame s times as large allows a tube s times as thick.
     """
     if opening_iou(polygon, low) < iou:
         return None
@@ -171,7 +171,7 @@ def _medial_axis(mask: Mask, inside: Array) -> Mask:
 def is_thin(mask: Mask, width_px: float) -> bool:
     """Return whether a silhouette is a line drawing with strokes thinner than this.
 
-    By length most of its medial axis is, and hardly any of its area is twice as thick.
+    That is so if most of its medial axis, by length, is thinner and hardly any of its area is twice as thick.
     """
     # a thick picture is told at once: where a fifth at most is solid, the area is bounded by the edge
     if 2.0 * mask.sum() > 2.0 / (1.0 - _SOLID) * width_px * outline_px(mask):
@@ -243,7 +243,7 @@ class Small:
 
 
 def find_small(polygon: MultiPolygon, least: float) -> list[Small]:
-    """Return a silhouette's small pieces and holes, of no less than this area."""
+    """Return a silhouette's small pieces and holes of at least this area."""
     most = _SMALL * polygon.area
     found = []
     for piece in polygon.geoms:
@@ -266,7 +266,7 @@ def find_missed(
 def _likeness(
     one: Small, polygon: MultiPolygon, drawn: Polygon | MultiPolygon, radius: float
 ) -> float:
-    """Return the IoU of a part with what is drawn of it, spill or lack close by included."""
+    """Return the IoU of a part with what is drawn of it, including what is spilled or missing close by."""
     near = one.shape.buffer(_NEAR * radius)
     wanted, found = (shape.intersection(near) for shape in (polygon, drawn))
     if one.kind == "hole":

@@ -147,7 +147,7 @@ def decode_shrunk(
     """Decode as `decode` does, and shrink the longer side to about `longest` px (0: not) on the way.
 
     Returns:
-        The picture, its kind, and the width and height that it came in; so many of its px are one, across.
+        The picture, its kind, its width and height before, and how many px of those make one, across.
     """
     with warnings.catch_warnings():
         # Pillow warns of large pictures and odd metadata; sizes are checked here instead.
@@ -199,7 +199,7 @@ def decode_shrunk(
 
 
 def shrunk_by(size: tuple[int, int], longest: int) -> int:
-    """Return by how much a picture is shrunk so that its longer side has about `longest` px."""
+    """Return the factor that shrinks a picture's longer side to about `longest` px."""
     return min(-(-max(size) // longest), max(1, min(size) // _LEAST))
 
 
@@ -220,7 +220,7 @@ def count_frames(data: bytes) -> int:
 
 
 def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
-    """Yield `most` frames of a moving picture, in RGBA, or those before a damaged one."""
+    """Yield up to `most` frames of a moving picture, in RGBA, ending before a damaged one."""
     with Image.open(io.BytesIO(data), formats=_formats()) as image:
         for number in range(most):
             try:

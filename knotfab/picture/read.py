@@ -58,19 +58,18 @@ _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 class Target(InNotebook):
     """A picture and its silhouette.
 
-    `mask` (height, width) is True where the shape is that is drawn, row 0 at the top; `rule` says
-    how it was read. A shadow is compared with `original`, if that is another, and scored by
-    `widened`, the original with widened strokes, if any were. `line` (n, 2), px, is the one closed
-    line of a drawing in greys.
+    `mask` (height, width) is True where the drawn shape is, row 0 at the top; `rule` says how it
+    was read. A shadow is compared with `original`, if that differs, and scored by `widened`, the
+    original with widened strokes, if any were. `line` (n, 2), px, is the one closed line of a
+    drawing in greys.
 
-    `crop_px` is what was read of the picture (left, top, width, height). `png_bytes`, with
-    `suffix`, is the file to copy beside scene.toml: the original of a pixel picture, the canonical
-    PNG of SVG and text; read in the same way it gives the same mask. `name` is a `plain_name`,
-    `title` the name as given.
+    `crop_px` is the part of the picture that was read (left, top, width, height). `png_bytes`, with `suffix`,
+    is the file to copy beside scene.toml: the original of a pixel picture, the canonical PNG of SVG and text;
+    read in the same way it gives the same mask. `name` is a `plain_name`, `title` the name as given.
 
-    For a round wall the masks are as on a flat one, once `flattened_s`, the seconds that took, is
-    set; `drawing` is then what is drawn on the round one. `bending` says how `mask` and `widened`
-    were bent or mirrored. `notes` tell what was left out or guessed; `ink`, `threshold` and the
+    Once `flattened_s` is set, the seconds that it took, the masks are those that a flat wall has in
+    place of a round one; `drawing` is then what is drawn on the round one. `bending` says how `mask`
+    and `widened` were bent or mirrored. `notes` tell what was left out or guessed; `ink`, `threshold` and the
     size of specks, `speck_px`, are those used. After a glance `shrunk` px of the picture make one
     of the masks, across.
 
@@ -172,7 +171,7 @@ class Target(InNotebook):
 def plain_name(raw: str, fallback: str) -> str:
     """Reduce `raw` to letters, digits, signs of any script, "_" and "-"; `fallback` if none is left.
 
-    A longer one ends in a digest of the whole: two that begin alike stay two.
+    A longer one ends in a digest of the whole, so that two that begin alike stay different.
     """
     signs = unicodedata.normalize("NFC", raw)
     kept = (

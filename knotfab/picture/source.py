@@ -36,9 +36,9 @@ class Glimpse:
 
 
 def glimpse(data: bytes, what: str) -> Glimpse:
-    """Decode a picture, its longer side shrunk to about `raster.GLANCE` px where it is larger.
+    """Decode a picture, and shrink a larger one's longer side to about `raster.GLANCE` px.
 
-    The last one is kept, and copies of this process have it.
+    The last result is kept, so that copies of this process have it.
     """
     found = _last.get(data)
     if found is None:
@@ -69,7 +69,7 @@ def bare_glimpse(seen: Glimpse, whole: bool) -> tuple[Image.Image, str] | None:
 
 
 def bare_picture(image: Image.Image, whole: bool) -> tuple[Image.Image, str] | None:
-    """Return a picture without its ground (of a `whole` one) or its uneven light, with a note."""
+    """Return a picture without its ground, if it is `whole`, or without its uneven light, with a note."""
     plain = plain_ground(image) if whole else None
     if plain is not None:
         return plain
@@ -87,7 +87,7 @@ def read_bytes(
         missing: the remedy where there is no such file.
 
     Raises:
-        InputError: there is none, it may not be read, it is empty, or too much for a picture.
+        InputError: there is none, it may not be read, it is empty, or too large for a picture.
     """
     most = 9 * largest**2  # a pixel of 16-bit RGBA, and the file's other data
     require_within(path, what)
@@ -111,7 +111,7 @@ def read_bytes(
 
 
 def _stamp(path: Path) -> tuple[int, ...] | None:
-    """Return what tells a file, as it is, from any other and from itself changed; None without a file."""
+    """Return a key for a file's present content, which changes when the file does; None without a file."""
     try:
         one = path.stat()
     except (OSError, ValueError):
@@ -139,7 +139,7 @@ def read_source(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
 
 
 def look_at(source: str | Path, base: Path | None) -> Glimpse | None:
-    """Glimpse a pixel picture, which copies of this process then need not decode; None for others."""
+    """Decode a pixel picture once, for copies of this process, too; return None for other pictures."""
     if str(source).startswith(TEXT_PREFIX):
         return None
     data, _ = read_source(source, base)

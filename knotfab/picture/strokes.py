@@ -164,7 +164,7 @@ def _tidy_graph(graph: nx.MultiGraph) -> None:
 
 
 def _contract_edge(graph: nx.MultiGraph, one: Any, other: Any, key: int) -> None:
-    """Contract an edge to a node at its midpoint; of a loop only the edge goes."""
+    """Contract an edge to a node at its midpoint; a loop is only removed."""
     graph.remove_edge(one, other, key)
     if one == other:
         return

@@ -69,12 +69,12 @@ def take_subject(
     """Return the subject of an upright picture, from its mask's file or by a new cut, (H, W).
 
     Args:
-        folder: what the name of the mask's file is relative to. shrunk: so many px of the picture, across,
-            are one of `image`; `reading` is in px of the picture.
+        folder: where relative paths of the mask's file start. shrunk: how many px of the picture make one of
+            `image`, across; `reading` is in px of the picture.
 
     Raises:
-        InputError: the rectangle or a disc lies outside, the cut finds nothing or all, or the file is
-            no mask.
+        InputError: the rectangle or a disc lies outside, the cut finds nothing or everything, or the file is
+            not a mask.
     """
     if not reading.subject_mask:
         assert reading.subject_px is not None
@@ -101,16 +101,15 @@ def take_subject(
 def cut_subject(
     image: Image.Image, box: Box, keep: Sequence[Disc], drop: Sequence[Disc], what: str
 ) -> Mask:
-    """Cut out the subject in a rectangle: smooth, without crumbs, reproducible, (H, W). What stands out
-    within it, such as eyes, becomes holes.
+    """Cut out the subject in a rectangle: smooth, without crumbs, reproducible, (H, W).
 
-    Mixtures of Gaussians tell the subject's colours from those of its surroundings, which are known
-    outside the rectangle. The outline is a minimal cut of the grid's graph. Both are repeated until they
-    agree.
+    What stands out within it, such as eyes, becomes holes. Mixtures of Gaussians tell the subject's colours
+    from those of its surroundings, which are known outside the rectangle. The outline is a minimal cut of the
+    grid's graph. Both are repeated until they agree.
 
     Args:
-        box: left, top, width, height, px. keep, drop: discs (x, y, radius), px, that belong and do not;
-            where two lie over each other, `drop` counts.
+        box: left, top, width, height, px. keep, drop: discs (x, y, radius), px, that belong to the subject or
+            do not; where they overlap, `drop` wins.
 
     Raises:
         InputError: as for `take_subject`. MachineError: PyMaxflow is not installed.
@@ -315,9 +314,9 @@ def _finish(mask: Mask, part: Image.Image, kept: Mask, dropped: Mask, round_px: 
 
 
 def _find_features(mask: Mask, grey: NDArray[np.uint8]) -> Mask:
-    """Find the features within a subject that a drawing shows as holes, such as eyes, a nose, stripes.
+    """Find the features of a subject that a drawing shows as holes, such as eyes, a nose or stripes.
 
-    They are all darker than what is around them, or all lighter: whichever stands out more.
+    Either those darker than their surroundings are taken or the lighter ones, whichever stand out more.
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter
 

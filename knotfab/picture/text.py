@@ -35,8 +35,8 @@ class Outline:
     """Glyphs of one line of text as SVG path data (thousandths of an em, y down, nonzero winding).
 
     `bounds` are those of the ink's control points: (left, top, right, bottom). `fonts` are the files
-    that were drawn from, in the order of their first characters. `letters` has for each character with
-    ink where that begins and ends.
+    that were drawn from, in the order of their first characters. `letters` says where each character
+    with ink begins and ends.
     """
 
     path: str
@@ -194,8 +194,7 @@ def render_text(text: str, font: str | None = None) -> bytes:
             characters.
 
     Returns:
-        A PNG, 2048 px on the longer side; the frame hugs the ink with a margin of 6 % of that. Its
-            text
+        A PNG, 2048 px on the longer side; the frame hugs the ink with a margin of 6 % of that. Its text
         entry `Font` names the files of the fonts that were used.
 
     Raises:

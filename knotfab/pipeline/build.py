@@ -19,7 +19,7 @@ from knotfab_formats.libraries import recording
 
 
 def run_build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Build what was asked, and the other way where it fails and the request has one (`build`)."""
+    """Build what was asked (`build`) or, if that fails, the request's other scene if it has one."""
     progress = progress or Progress("quiet")
     with recording():
         try:

@@ -39,7 +39,7 @@ def choose_supports(
 def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, str] | None:
     """Say why the bed is too small for a piece that stands with the light's axis up, and the remedy.
 
-    None where the pictures fit it at the middle of the piece; the strands' feet may reach farther.
+    None if the pictures, taken at the middle of the piece, fit the bed; the strands' feet may reach farther.
     """
     # imported only now, so that most builds begin without waiting for it
     from knotfab.part.pose import fits_upright

@@ -54,14 +54,14 @@ _EYE_MM = np.array([[0.0, 400.0, 700.0]])  # the zoetrope is drawn from the fron
 def make_film(
     shop: Workshop, request: Request, left: Budget | None, until_written: ExitStack
 ) -> tuple[Report, str, list[WrittenPiece]]:
-    """Search all frames as the same moving knots, and write and verify each as a part of its own.
+    """Search all frames as the same moving knots, and write and verify each as a separate part.
 
     Each frame has the files of a single piece, numbered (part-01.stl, …). There are one scene.toml,
     sequence.gif and report, and for print the zoetrope. Each frame has its own mount, the zoetrope none.
     Frames are verified and sliced while later ones are searched.
 
     Args:
-        until_written: ends with the build, and with it the need for frames kept in case of an interrupt.
+        until_written: closed when the build is written; frames kept in case of an interrupt then go.
 
     Returns:
         The report of all, their title, and the frames.

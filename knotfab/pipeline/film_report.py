@@ -127,7 +127,7 @@ def sequence_report(
     """Make the report of a sequence from those of its frames.
 
     Args:
-        reports: of each frame, as for a piece of its own.
+        reports: one for each frame, as for a single piece.
         motions: into frames 2, 3, … and, last, back to the first.
         checks: of the sequence as a whole.
         resumed: how many frames an earlier call had searched.

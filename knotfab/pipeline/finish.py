@@ -136,10 +136,10 @@ def report_piece(
 
 
 def _prefer_other_way(request: Request, checks: Sequence[Check]) -> None:
-    """End the first of two ways to build where a required check failed.
+    """Give up the first of two ways to build if a required check failed.
 
     Raises:
-        SceneError: naming the checks, with figures and place of the first.
+        SceneError: a check failed; it names the checks, with figures and place of the first.
     """
     failed = [check for check in checks if check.required and check.status == "fail"]
     if request.otherwise is not None and failed:
@@ -233,7 +233,7 @@ def _plate_of(piece: WrittenPiece, views: Sequence[View]) -> PlateFigures | None
 
 
 def tell_other_tube(previewed_mm: float | None, built_mm: float) -> list[str]:
-    """Say that the piece has another tube than the preview told, by more than a person would not see."""
+    """Say that the piece's tube differs visibly from the one that the preview named."""
     if previewed_mm is None or abs(built_mm / previewed_mm - 1.0) <= _SAME_TUBE:
         return []
     return [

@@ -77,9 +77,9 @@ class Workshop:
         """Finish the piece on the holder that costs least of those that pass every check, else on none.
 
         Holders are planned in the order of a guess of their hours and grams, and only one that can be
-        planned is built and verified. The next is tried where a check fails: not under a time budget, nor
-        where the knots break a limit, nor where it failed the same checks as the one before. One that spoils
-        the word gives way to one that does not and is not dear (`_keep_word`).
+        planned is built and verified. If a check fails, the next is tried, but not under a time budget, nor
+        if the knots break a limit, nor if the same checks failed as before. One that worsens the verdict
+        gives way to one that does not and costs little more (`_keep_word`).
         """
         refused: list[str] = []
         failed: set[str] = set()
@@ -121,7 +121,7 @@ class Workshop:
         done: tuple[WrittenPiece, Report],
         others: Sequence[Guess],
     ) -> tuple[WrittenPiece, Report]:
-        """Finish a piece on the first other holder that is not seen; keep it there if its word is better."""
+        """Finish the piece on the first other holder that does not show; keep it if its verdict is better."""
         for guess in others:
             asked, design = _with_mount(request, made, guess.kind)
             settled = self._plan(asked, design)
@@ -155,7 +155,7 @@ class Workshop:
 def make_piece(
     shop: Workshop, request: Request, left: Budget | None
 ) -> tuple[Report, str, list[WrittenPiece]]:
-    """Design one piece and finish it. Returns its report, its title, and itself."""
+    """Design one piece and finish it; return its report, its title, and the piece in a list."""
     made = design_knots(request.scene, shop.targets, request.device, shop.progress, left)
     finish = shop.finish_held if request.chooses_holder else shop.finish
     piece, report = finish(request, made)
@@ -163,7 +163,7 @@ def make_piece(
 
 
 def _shows(settled: Settled) -> float:
-    """Return the share of the picture's frame that a holder darkens, as its plan has it."""
+    """Return the share of the picture's frame that a holder will darken, according to its plan."""
     return settled[1].mounted.figures.predicted_intrusion or 0.0
 
 
@@ -172,12 +172,12 @@ def _list_failed(report: Report) -> set[str]:
 
 
 def _rank_word(report: Report) -> int:
-    """Return how far a report's word is from the best one; 0 where there is none."""
+    """Return how many ranks a report's verdict lies below the best one; 0 without a verdict."""
     return 0 if report.verdict is None else BEST_FIRST.index(report.verdict.word)
 
 
 def _with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:
-    """Return request and design with the mount given; the search went by what was left open."""
+    """Return request and design with this kind of mount, which the search had left open."""
     turns = not request.scene.hangs(len(made.knots.knots))
     given = {"kind": kind, "turns": turns}
     asked = request.scene.but(mount=request.scene.mount.but(**given))
@@ -188,10 +188,10 @@ def _with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Des
 def _tell_choice(
     guess: Guess, guesses: Sequence[Guess], refused: Sequence[str], shows: float
 ) -> str:
-    """Say which holder was chosen and what it costs, which cost more, and why others are none.
+    """Say which holder was chosen and what it costs, which cost more, and why others do not hold.
 
     Args:
-        shows: the share of the picture's frame that it darkens.
+        shows: the share of the picture's frame that the chosen one darkens.
     """
     others = [f"more for {one}" for one in guesses[guesses.index(guess) + 1 :]]
     others += [f"not {one}" for one in refused]
@@ -232,7 +232,7 @@ class Guess:
     bare_hours: float
 
     def is_dear_beside(self, other: Guess) -> bool:
-        """Tell whether it takes much more than another one, piece included."""
+        """Return whether this holder takes much more than another one, piece included."""
         if np.isnan(self.hours):
             return self.grams - other.grams > _MODEST * (self.bare_grams + other.grams)
         return self.hours - other.hours > _MODEST * (self.bare_hours + other.hours)
@@ -243,9 +243,9 @@ class Guess:
 
 
 def can_hold(scene: ResolvedScene) -> list[Kind]:
-    """List the holders that a scene allows: a wall mount for one shadow on a flat wall alone.
+    """List the holders that a scene allows: a wall mount only for a single shadow on a flat wall.
 
-    A piece whose strands carry themselves while they print has none: members would begin in mid-air.
+    A piece that prints without supports allows none, since members would begin in mid-air.
     """
     if scene.material.process == "wire" or scene.piece.supports == "none":
         return []

@@ -224,7 +224,7 @@ def propose_place(
 
     Args:
         knots: in scene coordinates.
-        view: the one that they draw.
+        view: the view that they draw.
         shallower, nearer: whether depth and wall may be changed.
         most_radius_mm: the thickest tube for which there must be room.
         foot: what the pegs stand on. On a plate, a knot barred from the wall by others hangs on one of them.

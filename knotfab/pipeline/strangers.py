@@ -121,7 +121,7 @@ def _kind_of(part: Path) -> str | None:
 
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
-    """Write a part's triangles (n, 3, 3) as an array to a file of its name, or return why not."""
+    """Write a part's triangles (n, 3, 3) to an array file named like the part, or return why not."""
     del told
     part, folder = Path(request["part"]), Path(request["folder"])
     try:

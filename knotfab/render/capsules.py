@@ -84,9 +84,9 @@ def cut_before_light(
     """Cut segments a-b at `silhouette.NEAREST_RADII` tube radii of depth; return which have a part left, [n].
 
     A ray's line goes on behind the light, so without the cut a segment that crosses the light's plane
-    would be hit there. What is not cut comes back to the last bit; what has no part left comes back as
-    it was. Where one end is more than twice as deep, the one whose coordinates are smaller comes
-    first: places between are found from the first, and a rounding of the far one would be much.
+    would be hit there. What is not cut is returned bit for bit, and so is what has no part
+    left. If one end is more than twice as deep as the other, the one with the smaller coordinates
+    comes first, since places between are computed from the first, and the far one has larger rounding errors.
     Differentiable with respect to `a` and `b`.
     """
     least = least_depth(radius)

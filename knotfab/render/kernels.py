@@ -1,8 +1,8 @@
-"""Compiled loops of the soft renderer: each pixel's winning capsule, and what its distance pulls on.
+"""Compiled loops of the soft renderer: each pixel's winning capsule, and the gradient of its distance.
 
-Points are receiver axes in mm (see `render.frame`), arrays and numbers of one precision; the distance is
-worked out by the operations of `render.capsules` in their order, so that both give the same. Each runs on
-one thread, so that the order of all sums is fixed.
+Points are in receiver axes, mm (see `silhouette.Frame`), arrays and numbers of one precision. The distance is
+computed by the operations of `render.capsules` in the same order, so that both give the same. Each loop runs
+on one thread, so that the order of all sums is fixed.
 """
 
 from __future__ import annotations
@@ -71,9 +71,10 @@ def _four(real: Any, numbers: Array) -> Any:
 
 @compiled
 def _meet(a: Any, b: Any, qx: Any, qy: Any, lost: Any, tiny: Any, zero: Any, one: Any) -> Any:
-    """Find where a ray passes closest to a segment: t along it, the moment c there, the segment's e.
+    """Find where a ray passes closest to a segment; see `render.capsules`.
 
-    Then |e|^2, how far the ray passes, and whether that is more than rounding. See `render.capsules`.
+    Returned are t along the segment, the moment c there, the segment's e, |e|^2, the distance, and whether
+    that exceeds rounding errors.
     """
     (x0, y0, z0), (x1, y1, z1) = a, b
     ax, ay = z0 * qy - y0, x0 - z0 * qx

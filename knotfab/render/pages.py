@@ -100,7 +100,7 @@ def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
 
 
 def choose_fonts(page: Figure) -> None:
-    """Set fonts for each text of a page; characters that no font has are told by code point."""
+    """Set fonts for each text of a page; characters that no font has become their code points."""
     from matplotlib.text import Text
 
     for text in page.findobj(Text):
@@ -148,7 +148,7 @@ def make_page(paper: Paper) -> tuple[Figure, Axes]:
 
 
 def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
-    """Draw a 100 mm ruler at the lower left, to be checked before one `before`s."""
+    """Draw a 100 mm ruler at the lower left, to check before doing what the verb `before` says."""
     x, y = paper.margin, paper.margin + 6
     axes.plot([x, x + RULER_MM], [y, y], color="black", lw=0.5, solid_capstyle="butt")
     for k in range(int(RULER_MM) // 10 + 1):
@@ -191,7 +191,7 @@ class Drawing:
 def draw_tiled(
     paper: Paper, title: str, facts: Sequence[str], drawings: Sequence[Drawing], before: str
 ) -> Iterator[Figure]:
-    """Draw a page of text, then pages that cover each drawing; the ruler is checked before one `before`s."""
+    """Draw a page of text, then pages that cover each drawing; `before` is as for `draw_ruler`."""
     tiled = [(drawing, lay_tiles(drawing.box, paper)) for drawing in drawings]
     total = 1 + sum(len(tiles) for _, tiles in tiled)
     yield draw_facts(paper, title, facts, f"page 1 of {total}", before)
@@ -289,7 +289,7 @@ def draw_dimension(
 ) -> None:
     """Dimension two points of the page (mm); the line is offset from them by the vector `away`.
 
-    The text stands above the line as one reads it, or beside it where there is no room between.
+    The text stands above the line, seen in reading direction, or beside it if there is no room.
     """
     a, b, off = (np.asarray(p, dtype=np.float64) for p in (start, end, away))
     along = b - a

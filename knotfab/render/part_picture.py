@@ -169,14 +169,14 @@ def draw_faces(
     """Rasterise triangles into a square of `pixels`; the face nearest to the eye wins each pixel.
 
     Args:
-        places: (n, 3): column and row, in pixels from the upper left corner, and what is larger the nearer
-            a point is and linear on the page: the inverse of its distance, times any constant.
+        places: (n, 3): column and row, in pixels from the upper left corner, and the inverse of the distance,
+            times any constant, which is linear on the page.
         normals: (n, 3) at the points.
         faces: (m, 3).
 
     Returns:
-        (pixels, pixels) whether there is a face, and (pixels, pixels, 3) the normal there, between those of
-        its corners as they are seen, which is not quite as they lie; not of unit length.
+        (pixels, pixels) whether there is a face, and (pixels, pixels, 3) the normal there, interpolated
+        on the page, without regard to perspective; not of unit length.
     """
     found = np.zeros((pixels, pixels), dtype=np.bool_)
     depth = np.zeros((pixels, pixels))

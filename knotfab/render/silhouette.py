@@ -142,10 +142,10 @@ Winners = tuple[Places, Places]  # flat indices of pixels, and the capsule that 
 
 @dataclass(frozen=True)
 class _Cut:
-    """Segments a-b (n, 3) in receiver axes, deeper than the light's plane, and which have such a part.
+    """Segments a-b (n, 3) in receiver axes, cut before the light's plane; `seen`: which have a part left.
 
-    `ends`: the segments as they were; `near` (2, n) which end of each was cut. `swapped`: whose ends changed
-    places. None: nothing was.
+    `ends`: the segments before the cut; `near` (2, n): which end of each was cut; None if none was.
+    `swapped`: which had their ends swapped; None if none had.
     """
 
     a: Real
@@ -254,9 +254,9 @@ def render(
     cutoff: float = CUTOFF,
     won: Winners | None = None,
 ) -> Real:
-    """Render image (height, width) of sigmoid(tau * max over capsules of the signed distance in px).
+    """Render the image (height, width) of sigmoid(tau * max over capsules of the signed distance in px).
 
-    Right up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
+    It is exact up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
     lower bound of the image, exact for small motions wherever the winner did not change.
     """
     image = Capsules.of(starts, ends, frame, radius, tau, cutoff, won).image()
@@ -276,7 +276,7 @@ def squared_error(
     """Return the squared difference of `render` and the target, summed over the pixels.
 
     Returns:
-        It, and its gradients (n, 3) in `starts` and `ends`.
+        The sum, and its gradients (n, 3) in `starts` and `ends`.
     """
     # (g - f)^2 is g^2 - 2 g f where a pixel is coloured, and f^2 everywhere
     field = np.ascontiguousarray(target).ravel()

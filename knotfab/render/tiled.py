@@ -154,8 +154,8 @@ def _pixel(place: Tensor, columns: int) -> tuple[Tensor, Tensor]:
 def _quadratics(a: Tensor, b: Tensor, frame: Frame) -> tuple[Tensor, Tensor, Tensor]:
     """Return each capsule's reference pixel [n, 2] and the coefficients [n, 3, 6] of three quadratics there.
 
-    And what rounding can take from a square: [n, 2] at the reference, and more by so much times the
-    square of the way from there in pixels.
+    Also return how much rounding can change a square, [n, 2]: at the reference, and in addition per squared
+    pixel of distance from there.
 
     The moment D x p of a pixel's ray about an end p is linear in the pixel, so the squares that the
     distance is made of (start . start, start . change, change . change, with the change from one
@@ -207,8 +207,8 @@ def _tile_distance(
     """Bound `capsule_distance` of [m] capsules at the [m, 16] pixels of their tiles, by few operations.
 
     Returns the lower bounds, and how far [m] the upper ones lie above them at most. The squares lose
-    what is small against the way from the reference to the tile and along the capsule, which is much
-    of a distance where a capsule is far longer than it is wide.
+    digits that are small against the way from the reference to the tile and along the capsule, which
+    matters for capsules far longer than wide.
     """
     a, b = ends
     reference, coefficients, sizes = quadratics
@@ -296,7 +296,7 @@ def render_tiled(
     cutoff: float = CUTOFF,
     won: tuple[Tensor, Tensor] | None = None,
 ) -> Tensor:
-    """Render the same image and gradient as of every capsule at every pixel, up to sigmoid(-cutoff).
+    """Render the same image and gradient as `dense.render_dense` does, up to sigmoid(-cutoff).
 
     Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
     takes the winners of an earlier call: a lower bound of the image, exact for small motions wherever

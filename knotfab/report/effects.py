@@ -184,7 +184,7 @@ def tell_walls(views: Sequence[View]) -> list[str]:
 
 
 def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
-    """Measure what of the knots' shadow each view keeps when the mount sags; None without.
+    """Measure how much of the knots' shadow each view keeps when the mount sags; None without a mount.
 
     Args:
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
@@ -228,7 +228,7 @@ def tell_contrast(views: Sequence[View]) -> list[str]:
 
 
 def tell_hiding(views: Sequence[View], scene: ResolvedScene) -> list[str]:
-    """Say what viewers aside lose of each shadow, and what a wider gap would give them and cost."""
+    """Say what viewers at the side lose of each shadow, and what a wider gap would give them and cost."""
     from knotfab.effects.hiding import ASIDE_DEG, NOTICED
 
     said = []
@@ -261,7 +261,7 @@ def tell_move(
     """Describe a misplacement, as "the lamp 5 mm to the side"; `kind` is the view's.
 
     Args:
-        threads_apart_mm: of two threads that the piece hangs on.
+        threads_apart_mm: distance of the two threads that the piece hangs on.
     """
     from knotfab.report.setup_words import LAMP_WAYS, TURN_WAYS, tell_turn
 
@@ -276,8 +276,8 @@ def tell_move(
 def advise_nearer_wall(views: Sequence[View], made: Design) -> list[str]:
     """Say what a wide lamp's shadow would gain from a nearer wall, one sentence for each view.
 
-    The blur adds to the error in brightness in proportion to its width: what the measured error has
-    above that of the hard shadow is scaled by the mean blur there over that here, of all strands.
+    The blur adds to the error in brightness in proportion to its width. So the part of the measured error
+    above the hard shadow's is scaled by the ratio of the strands' mean blur at the two walls.
     """
     from knotfab.design.room import least_wall_mm
     from knotfab.scene.camera import view_axes
@@ -318,8 +318,8 @@ def list_views(
 ) -> list[View]:
     """Add to each of the validators' views what the maker knows of its picture and effects.
 
-    That is the rule by which the picture was read; of several views the `bound`, the best IoU of a
-    part without spill; and the file of what is drawn where that was bent. A part may have no views.
+    That is the rule by which the picture was read; for several views the `bound`, the best IoU of a part
+    without spill; and the file of what is drawn, if that was bent. A part may have no views.
     """
     bounds = {v.name: b.iou for v, b in zip(made.scene.views, made.bounds, strict=False)}
     files = {view.name: view.drawn_picture for view in made.scene.views}

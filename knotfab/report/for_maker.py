@@ -201,7 +201,7 @@ def tell_unsliced(result: Sliced | NotSliced | None) -> list[str]:
 def check_slicing(result: Sliced | NotSliced) -> Check:
     """Check `slicer`: whether PrusaSlicer makes G-code that prints the part.
 
-    It fails if the program refuses the part or crashes on it, for a warning that nothing settles,
+    It fails if the program refuses the part or crashes on it, for a warning that nothing explains away,
     and for G-code that does not print the part. Without a slicer, or without an answer in time, it
     is skipped and not required.
     """

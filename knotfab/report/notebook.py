@@ -1,4 +1,4 @@
-"""Show a build or a stage in a notebook: words and pictures in one piece of page."""
+"""Show a build or a stage in a notebook: words and pictures as one piece of HTML."""
 
 from __future__ import annotations
 

@@ -62,8 +62,7 @@ def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
 @dataclass(frozen=True)
 class Picture:
     """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow", "photograph" with the view
-    named `view`,
-    "part" with the views of the part from several sides, "turn" before these, "moving" at the top."""
+    named `view`, "part" with the pictures of the part, "turn" before these, "moving" at the top."""
 
     path: Path
     role: str
@@ -171,7 +170,7 @@ def encode_for_script(data: Mapping[str, Any]) -> str:
 
 
 def _number(value: object, digits: int = 4) -> str:
-    """Write a value with `digits` significant digits, all whole ones; a dash for nothing."""
+    """Write a value with `digits` significant digits, or all of its whole part; a dash for none."""
     if value is None:
         return "–"
     if isinstance(value, bool):

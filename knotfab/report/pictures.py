@@ -90,8 +90,8 @@ _SHARED = (
 def turns_of(scene: SettledScene) -> dict[str, float]:
     """Find the angle, 0 to 360°, that brings each view before the first view's lamp.
 
-    It turns about the vertical, anticlockwise from above. Empty where the views have lamps or walls
-    at heights and distances of their own, so that they share no lamp; for an eye; and for one view.
+    The piece turns about the vertical, anticlockwise from above. The result is empty for an eye, for one
+    view, and where lamps or walls differ in height or distance, so that the views cannot share a lamp.
     """
     first = scene.views[0]
     alike = all(getattr(v, key) == getattr(first, key) for v in scene.views for key in _SHARED)
@@ -166,7 +166,7 @@ _SEEN = 9.0  # px: a smaller loss gets a ring about it
 
 
 class Panel(NamedTuple):
-    """A silhouette, or what is left of it for a tube, and the words above it."""
+    """A silhouette, or what a tube leaves of it, and the words above it."""
 
     caption: str
     image: Image.Image
@@ -202,7 +202,7 @@ def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
 
 
 def _draw_rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
-    """Draw each picture's panels: it, what agrees with the others, and what tubes lose."""
+    """Draw each picture's panels: the silhouette, what agrees with the others, and what tubes lose."""
     colours = []
     if (parted := found.parted) is not None:
         came = Image.open(io.BytesIO(parted.png))

@@ -193,8 +193,8 @@ def measure_access(bodies: Sequence[Mesh], rules: Rules) -> SupportAccess:
 
     A tool is a cylinder with a ball for a tip. The tip touches the underside, the axis goes straight
     out in one of `WAYS` directions, and the surface must keep away from it by the tool's radius all the
-    way (sphere tracing: each step is as long as the nearest surface allows; Hart 1996). The supports
-    themselves are in nobody's way: they come out from the outside inwards.
+    way (sphere tracing: each step is as long as the nearest surface allows; Hart 1996). Supports do not
+    block a tool, since they come out from the outside inwards.
 
     Args:
         bodies: meshes in print coordinates, the bed at z = 0.
@@ -247,7 +247,7 @@ def _access_figures(
 def _reaches(
     place: Array, out: Array, ways: Array, radius: float, surface: cKDTree, low: Array, high: Array
 ) -> NDArray[np.bool_]:
-    """Tell (n,) whether a tool of this radius, tip at a place, gets out of the box some way."""
+    """Return whether a tool of this radius with its tip at each place gets out of the box some way, (n,)."""
     found = np.zeros(len(place), dtype=np.bool_)
     tip = place + radius * out
     free, _ = surface.query(tip)

@@ -307,9 +307,8 @@ def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | N
     """Estimate what the next better accuracy would bring, in IoU and seconds.
 
     The stages are taken to last as many times longer as they did on the pictures that were
-    measured, and the error to shrink as it did there, of several views down to the bound of their
-    visual hull. None under a time budget, for the best accuracy, and for a search with settings of
-    its own.
+    measured, and the error to shrink as it did there, for several views down to the bound of their
+    visual hull. None under a time budget, for the best accuracy, and for a search with its own settings.
     """
     settings, views = report.settings, report.views
     # a stand outside the picture is not what a better search would draw better
@@ -346,7 +345,7 @@ def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | N
 
 
 def _as_preset(settings: Settings, views: int) -> bool:
-    """Tell whether a search of so many views had its accuracy's iterations and pixels."""
+    """Return whether a search had the iterations and pixels of its accuracy for this many views."""
     preset = PRESETS[settings.accuracy]
     preset = preset.scaled(views) if views > 1 else preset
     return all(getattr(settings.search, key) == getattr(preset, key) for key in _WORK)

@@ -66,8 +66,8 @@ SHADOW = "0.82"
 class Sheets:
     """The pages on setting a piece up, one for each view, still without the costs of misplacement.
 
-    `plan` shows everything from above, `marks` has the cards for a photograph. `threads_apart_mm`: of the two
-    that the piece hangs on.
+    `plan` shows everything from above, `marks` has the cards for a photograph. `threads_apart_mm`: distance
+    of the two threads that the piece hangs on.
     """
 
     pages: list[Figure]
@@ -108,8 +108,8 @@ def write_setup(
     follows. The last page of the PDF has the marks for a photograph.
 
     Args:
-        sheets: from `draw_sheets`; used up. misplacements: what the verification measured of each view
-            (`views[].misplacement` of the report), if it did. suffix: of the files' names.
+        sheets: from `draw_sheets`, which this call uses up. misplacements: each view's, as verified
+            (`views[].misplacement` of the report), or None. suffix: of the files' names.
     """
     from matplotlib import rc_context
 

@@ -128,7 +128,7 @@ def _tell_threads(places: Array) -> str:
 
 
 def _name_marks(place: Placement, lamp_mm: float) -> str:
-    """Name the marks that are so far from the lamp."""
+    """Name the marks at this distance from the lamp."""
     alike = [m.name for m in place.marks if abs(m.lamp_mm - lamp_mm) < HEAR_MM]
     thing = max((f" {w} " for w in ("edge", "corner")), key=lambda w: w in alike[0])
     last = alike[-1] if len(alike) == 1 else alike[-1].replace(thing, f"{thing.rstrip()}s ")
@@ -217,7 +217,7 @@ def _lamp_shape(view: View) -> str:
 
 
 def tell_turn(way: str, turn_deg: float, threads_apart_mm: float | None = None) -> str:
-    """Say how a piece is turned about an axis of the view; on two threads by what turns it there."""
+    """Say how a piece is turned about an axis of the view, or how its two threads then differ."""
     if threads_apart_mm is None or way == "right":
         return f"the piece turned by {turn_deg:g}° {TURN_WAYS[way]}"
     off = length(threads_apart_mm * sin(radians(turn_deg)))
@@ -231,13 +231,13 @@ def costs_of(
     on_wall: bool,
     threads_apart_mm: float | None = None,
 ) -> list[str]:
-    """Say what is lost when lamp or piece are off their places, one line each.
+    """Say what is lost when lamp or piece are out of place, one line each.
 
     A piece fixed to its wall turns with it, as if the lamp moved about both.
 
     Args:
-        misplacement: None where nobody measured it. on_wall: whether the piece is fixed to the wall.
-        threads_apart_mm: of two threads that it hangs on, which keep it from turning by itself.
+        misplacement: None if it was not measured. on_wall: whether the piece is fixed to the wall.
+        threads_apart_mm: distance of the two threads that it hangs on, which keep it from turning by itself.
     """
     if misplacement is None:
         return ["Not measured: too little to see, or nothing rendered."]

@@ -64,12 +64,12 @@ def tell_result(report: Report, verbose: bool = False) -> list[str]:
 
 
 def told_iou(iou: float, iou_frame: float | None, standing: bool) -> float:
-    """Return the IoU that is told of a view; what a stand darkens below the frame does not count."""
+    """Return the IoU to report for a view; what a stand darkens below the frame does not count."""
     return iou_frame if standing and iou_frame is not None else iou
 
 
 def tell_word(report: Report) -> str:
-    """Return the verdict's word, and what it is said of where a subject was cut out; "" without one."""
+    """Return the verdict's word, and what it refers to if a subject was cut out; "" without a verdict."""
     if report.verdict is None:
         return ""
     word = report.verdict.word
@@ -114,13 +114,13 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
 
 
 def _tell_read(z: float) -> str:
-    """Say whether a picture is read from aside."""
+    """Say whether a picture can be read from the side."""
     word = "is not read" if z < _GUESSED else "may be guessed" if z < _PLAIN else "is read"
     return f"its picture {word} (z {z:.1f})"
 
 
 def _tell_even_grey(report: Report) -> str:
-    """Say how far off one even grey would be, which the check's limit is half of."""
+    """Say how far off an even grey would be; the check's limit is half of that."""
     limits = [c.limit for c in report.checks if c.name == "tone" and isinstance(c.limit, float)]
     return "".join(f" (one even grey: {2 * limit:.0%})" for limit in limits)
 

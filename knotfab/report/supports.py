@@ -31,7 +31,7 @@ def tell_supports(
 ) -> tuple[Print, list[str]]:
     """Add to a sliced piece's figures how it is held while it prints, and say so in a sentence.
 
-    Only filament is held by anything. Of a frame's notes its sequence has none.
+    Only prints of filament are held by anything.
     """
     scene = part.mounted.scene
     if {scene.printer.process, scene.material.process} != {"filament"}:
@@ -61,7 +61,7 @@ def _why(scene: ResolvedScene, free: bool) -> str:
 
 
 def estimate_other(print_: Print, scene: ResolvedScene, asked: ResolvedScene) -> OtherWay | None:
-    """Estimate what a bare sliced piece would take if it were held the other way; None if it cannot be.
+    """Estimate what a bare sliced piece would take if it were held the other way; None if that is impossible.
 
     Strands in arches are longer by `ARCHES`; supports fill a share of the room, `ROOM`; the hours follow
     from the grams, and from how much slower the legs of arches print, `PER_GRAM`.
@@ -118,7 +118,7 @@ def _weigh_bars(part: Part) -> BarFigures | None:
 
 
 def _measure_feet(part: Part, checks: Sequence[Check]) -> FeetFigures | None:
-    """Measure on the mesh what of a piece stands flat on the bed; None where it needs no feet of its own."""
+    """Measure on the mesh the feet that stand flat on the bed; None if there are none of its own."""
     standing = part.standing
     if standing is None or part.mounted.scene.mount.on_feet:
         return None

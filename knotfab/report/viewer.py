@@ -38,7 +38,7 @@ VIEW_KEYS = (
 @dataclass(frozen=True)
 class HistoryFrame:
     """A place of the viewer's slider: its label, the knots in scene coordinates, and the silhouette
-    that these are to draw, if it is not the first view's."""
+    that they should draw, if it is not the first view's."""
 
     label: str
     knots: Knots
@@ -70,7 +70,7 @@ def viewer_data(
     Args:
         scene: with its pose. knots, bodies: as they are in the file, the bodies with their mount.
         silhouettes: (H, W), of the views' pictures.
-        history: what the slider goes through: of a search the states before the written knots, of a
+        history: what the slider goes through: for a search the states before the written knots, for a
             sequence all of its frames (`history_label` "frame").
     """
     assert scene.pose is not None

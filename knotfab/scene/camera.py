@@ -265,7 +265,7 @@ class CurvedWall:
     def room_mm(self, points: Array) -> float:
         """Return the least clearance of points (n, 3) before the wall, mm; negative behind it.
 
-        Of a hollow wall that is also how near what lies between them comes.
+        For a hollow wall, nothing between the points comes nearer.
         """
         local = (points - self.foot) @ self.axes.T
         off = np.hypot(local[:, 0], local[:, 2] - self.radius)
@@ -304,7 +304,7 @@ def require_wall(view: ResolvedView) -> None:
     """Refuse a curved wall that is too narrow for its picture, or about the light.
 
     Raises:
-        InputError: saying which.
+        InputError: it is; the message says which.
     """
     wall = CurvedWall.of(view)
     if wall is None:

@@ -26,7 +26,7 @@ def printers() -> dict[str, Printer]:
     """Return all printers with a data file, by name.
 
     Raises:
-        InputError: a person's own file is no such file.
+        InputError: a user's own file does not describe one.
     """
     return {name: load_named(Printer, name) for name in known_names("printer")}
 
@@ -37,10 +37,10 @@ def materials() -> dict[str, Material]:
 
 
 def asked_for(model: type[Named], text: str) -> Named:
-    """Return a printer or material: of a name, completed later by `resolve`, or of a file, complete.
+    """Return the printer or material of a name, which `resolve` completes later, or of a file.
 
     Raises:
-        InputError: the file is no such thing.
+        InputError: the file does not describe one.
     """
     return load_file(model, Path(text)) if is_file_name(text) else model(name=text)
 
@@ -110,8 +110,8 @@ def resolve(scene: Scene) -> ResolvedScene:
     that stands in a plate needs no supports.
 
     Raises:
-        InputError: a printer or material that has no data file, naming those that have; a person's
-            own file of that name is wrong; or the one does not go with the other.
+        InputError: a printer or material that has no data file, naming those that have; a user's own
+            file of that name is wrong; or the printer does not print with the material.
     """
     printer = _fill_in_open(_fill_in(scene.printer))
     material = _find_material(scene.material, printer)
@@ -147,7 +147,7 @@ _FOR_PEOPLE = ("title", "aliases")  # keys of a data file that the model does no
 
 
 def data_folder() -> Path:
-    """Return the folder of a person's own data: $KNOTFAB_DATA, else the system's settings folder."""
+    """Return the folder of the user's own data: $KNOTFAB_DATA, else the system's settings folder."""
     return own_folder("KNOTFAB_DATA", user_config_path, "$KNOTFAB_DATA")
 
 
@@ -204,7 +204,7 @@ def _squeeze(text: str) -> str:
 
 
 def _own_files(kind: Kind) -> dict[str, Path]:
-    """Return a person's own files by name; empty where their folder does not exist."""
+    """Return the user's own files by name; empty if their folder does not exist."""
     folder = data_folder() / f"{kind}s"
     try:
         return {path.stem: path for path in sorted(folder.glob("*.toml"))}
@@ -218,10 +218,10 @@ def known_names(kind: Kind) -> list[str]:
 
 
 def load_named(model: type[Named], name: str) -> Named:
-    """Load a printer or material by name, a person's own before a bundled one.
+    """Load a printer or material by name, the user's own before a bundled one.
 
     Raises:
-        InputError: one's own file is no such thing.
+        InputError: the user's file does not describe one.
     """
     own = _own_files(kind_of(model)).get(name)
     if own is not None:

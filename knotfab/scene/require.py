@@ -16,7 +16,7 @@ def require_mount(scene: ResolvedScene) -> None:
     """Refuse an impossible mount before any work is done.
 
     Raises:
-        InputError: a mount of a wire, and a wall mount of a piece with several views or on a round wall.
+        InputError: a mount of a wire, or a wall mount of a piece with several views or on a round wall.
     """
     if scene.material.process == "wire" and scene.mount.asked:
         asked, plate = scene.mount.kind, scene.mount.plate
@@ -101,7 +101,7 @@ def require_supports(scene: ResolvedScene) -> None:
 def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
     """Say why no piece of this scene can print without supports, and the remedy; None if one may.
 
-    That is so of a material or printer of another process, a flat piece, several views, and a mount that
+    That is so for a material or printer other than filament, a flat piece, several views, and a mount that
     holds the piece off the bed.
     """
     process = next(
@@ -140,7 +140,7 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
 def stand_alone(scene: ResolvedScene, knots: int) -> ResolvedScene:
     """Return the scene of a piece that prints without supports: on a flat wall it stands in a plate.
 
-    Where the scene says how far the wall is, only loose knots do.
+    If the scene gives the wall's distance, only several loose knots do.
     """
     mount, view = scene.mount, scene.views[0]
     near = scene.is_one_shadow and "wall_distance_mm" not in view.model_fields_set
@@ -154,7 +154,7 @@ def require_start(scene: ResolvedScene) -> None:
     """Refuse a start from which the search cannot go on.
 
     Raises:
-        InputError: it is no file of knots in the scene, or holds not the knot that is asked for.
+        InputError: it is not a file of knots in the scene, or lacks the knot that is asked for.
     """
     name = scene.settings.start
     if not isinstance(name, str) or not name:

@@ -243,11 +243,11 @@ _RATE, _RATE_END = 0.04, 0.005  # root-mean-square step of the vertices that mov
 
 def repair(state: SearchState, plan: Plan) -> None:
     """Mend and repair until every limit holds, or the plan's rounds are used up."""
-    if plan.repairs == 0 or not state.wanting(state.points):
+    if plan.repairs == 0 or not state.breaks_limits(state.points):
         return
     # usually a few bends are left, for which the whole curve need not move
     mended = mend_stretches(state, plan.repair(0), plan.mendings)
-    while state.log.repairs < plan.repairs and state.wanting(state.points):
+    while state.log.repairs < plan.repairs and state.breaks_limits(state.points):
         resample_state(state, state.settings.settle_edge_radii * state.radius)
         phase = plan.repair(state.log.repairs)
         state.log.repairs += 1

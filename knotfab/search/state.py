@@ -96,8 +96,8 @@ class SearchState:
         """Measure the hard limits on the present polylines."""
         return measure_feasibility(self.points, self.rings, self.limits)
 
-    def wanting(self, points: Array) -> bool:
-        """Return whether vertices (N, 3) break a limit, or a term that is a limit."""
+    def breaks_limits(self, points: Array) -> bool:
+        """Return whether vertices (N, 3) break a limit, or a term that acts as one."""
         if not all(term.kept(points) for term in self.terms):
             return True
         return bool(measure_feasibility(points, self.rings, self.limits).violations)
@@ -252,7 +252,7 @@ def run_phase(
         limits.radius,
         phase.walk,
         tell,
-        (lambda x: not state.wanting(x)) if until_kept else None,
+        (lambda x: not state.breaks_limits(x)) if until_kept else None,
         limits.separation,
         state.between(objective, phase),
         own,

@@ -51,7 +51,7 @@ class Span:
         return flanks[:count], length_mm / float(ends[count - 1])
 
     def split(self, at_mm: Array, first: float, radius_mm: float) -> Span:
-        """Return another in which the arches at these places are two, of `first` and what is left."""
+        """Split each arch at these places in two, the one as wide as the share `first` of it."""
         flanks, share = self._fitted(self.length_mm)
         numbers = np.searchsorted(share * np.cumsum(flanks.sum(1)), at_mm)
         low = min(first, 1.0 - first) * self.chain[:, 0] < LOWEST_ARCH_RADII * radius_mm
@@ -111,9 +111,9 @@ class Arches:
         return np.asarray(np.interp(at, step * np.arange(points), smooth, period=length))
 
     def split(self, curve: int, shares: Array, first: float) -> Arches:
-        """Return another in which the arches at these shares of a curve are two, of `first` and what is left.
+        """Split each arch at these shares of a curve's length in two, one as wide as the share `first` of it.
 
-        Both are as steep as it was, and all others stay where they are.
+        Both are as steep as it was, and all other arches stay where they are.
         """
         spans, begin = list(self.spans[curve]), 0.0
         total = sum(span.length_mm for span in spans)
@@ -242,9 +242,9 @@ def fold_of(curve: Array, radius_mm: float) -> float | None:
 
 
 def highest_mm(curve: Array) -> float:
-    """Return the highest peak of a closed curve (n, 2), mm, that stands alone and is not to topple.
+    """Return how high, mm, the peaks of a closed curve (n, 2) that stands alone may be without toppling it.
 
-    Its middle is about 0.4 of that high, and feet are anywhere along the curve.
+    Its centre is taken to lie at 0.4 of that height, and its feet anywhere along the curve.
     """
     edge = np.roll(curve, -1, axis=0) - curve
     length = np.linalg.norm(edge, axis=1)

@@ -194,7 +194,7 @@ class _Judge:
         return _fit(self.sharpening.lower(fitted, drawing), self.extent_mm)
 
     def brace(self, arches: Arches, modulus_mpa: float) -> _Braced:
-        """Split arches until a neighbour can hold every leg, as hides the picture best."""
+        """Split arches until a neighbour can hold every leg, in the way that hides the picture best."""
         share = np.concatenate([arc[:-1] / arc[-1] for arc in self.arcs])
         of = np.repeat(np.arange(len(self.samples)), [len(s) for s in self.samples])
         now = self._free_legs(arches, modulus_mpa)
@@ -215,7 +215,7 @@ class _Judge:
         return now
 
     def show(self, braced: _Braced, onlooker: Onlooker) -> float:
-        """Return what arches cost, and how far the picture stands out in them from foreign signs."""
+        """Return the cost of arches plus a price on how clearly an onlooker reads the picture in them."""
         centred = about_middle(np.concatenate(self.place(braced.arches)))
         turns = turns_aside(max(_ASIDE))
         read = [onlooker.read(centred, self.radius, self.light_distance, t) for t in turns]
@@ -227,7 +227,7 @@ class _Judge:
         return _Braced(arches, lacking, self.legibility(parts) + _FREE_LEG * len(lacking))
 
     def hides(self, points: Array) -> bool:
-        """Tell whether the shadow of points (n, 3) falls on the picture, to a cell of `target`."""
+        """Return whether the shadow of points (n, 3) falls on the picture, to a cell of `target`."""
         flat = lower(points, self.light_distance)
         low, size = self.frame
         cell = np.floor((flat - low) / size * len(self.target)).astype(int)

@@ -172,13 +172,13 @@ class _Side:
         self.along = float((self.arc[self.run[-1]] - self.begin) % self.length)
 
     def at(self, x_mm: Array) -> Array:
-        """Return the points (..., 2) so far along the run, mm."""
+        """Return the points (..., 2) at distances along the run, mm."""
         arc = (self.begin + x_mm) % self.length
         return points_at(self.closed, self.arc, arc)
 
 
 class _Two(NamedTuple):
-    """Both sides, and the place on the other that one at x hides: `slope` * x + `intercept`, mm along it."""
+    """Both sides; the place x mm along `one` hides that at `slope` * x + `intercept` mm along `other`."""
 
     one: _Side
     other: _Side
@@ -193,7 +193,7 @@ class _Two(NamedTuple):
         return 0.5 * (self.one.at(x_mm) + self._hidden(x_mm))
 
     def tip_beyond(self, x_mm: float, sign: int) -> float:
-        """Return how far beyond a place both sides meet, if they are of one curve: there is the tip, mm."""
+        """Return how far beyond a place the tip is, mm, where both sides meet if they are of one curve."""
         apart = self.other.begin + self.intercept - self.one.begin + (self.slope - 1.0) * x_mm
         return sign * apart % self.one.length / (1.0 - self.slope)
 

@@ -206,7 +206,7 @@ def _extrude(f: int, came: Indices, way: Indices, loops: Any, size: int, drawing
 
 @compiled
 def _reach(least: float, loops: Any, size: int, drawing: Any) -> int:
-    """Grow fingers to all edges worth at least `least`, nearest first; return the new size."""
+    """Grow fingers to every edge whose worth is `least` or more, nearest first; return the new size."""
     strides, opened, _, _, _ = drawing
     curve, _, after, _, drawn, _ = loops
     # the edge from which each edge is reached (-1: it is on a curve, -2: not reached yet), and the direction

@@ -54,7 +54,7 @@ class Sight:
         return h[:, :2] / h[:, 2:], self.near / h[:, 2]
 
     def room(self, points: Array) -> Array:
-        """Return how far inside the silhouette points (n, 3) are seen, mm at their distance, (n,)."""
+        """Return how deep inside the silhouette the light sees points (n, 3), in mm at the points, (n,)."""
         seen, scale = self.look(points)
         return self._at(self.depth, seen) / scale
 
@@ -183,7 +183,7 @@ def lattice_in(
     """
 
     def measure(points: Array) -> Array:
-        """Return how far inside each silhouette points are seen, in tube radii (views, n).
+        """Return how deep inside each silhouette the points are seen, in tube radii (views, n).
 
         It is `-_FAR` outside the region, and where a point draws on no screen.
         """

@@ -1,8 +1,8 @@
 """How well the picture can be read in the piece from beside the lamp, by two measures.
 
 `legibility`, the IoU of stretched silhouettes, is fast and has little noise. `Onlooker` says how far the
-picture stands out from foreign ones, as the validators' `recognition` does on a finer grid. That follows a
-person's words, and chooses among the best few.
+picture stands out from foreign ones, as the validators' `recognition` does on a finer grid. It agrees
+with what people say, and chooses among the best few.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def about_middle(points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Onlooker:
-    """Someone who sees a piece from aside and may know foreign signs as well as its picture.
+    """Someone who sees a piece from the side and knows foreign signs as well as its picture.
 
     `pictures` (n, side, side) are covers of cells, its own picture last. `gains` (n,) are what each gains, on
     average, by being fitted to what is no picture of it.
@@ -62,7 +62,7 @@ class Onlooker:
     gains: Array
 
     def read(self, centred: Array, radius: float, light_distance: float, turn: Array) -> float:
-        """Return how many standard deviations the picture fits better than signs: 1 is nothing, 3 is plain.
+        """Return by how many standard deviations the picture fits better than signs; 1 is illegible, 3 plain.
 
         Args:
             centred: (n, 3) mm in the view's axes, less than a radius apart, from `about_middle`.
@@ -72,7 +72,7 @@ class Onlooker:
         return self._weigh(_see(centred, radius, light_distance, turn, _INNER * _FINER))
 
     def stand_out(self, stretched: Mask) -> float:
-        """Do as `read` with a silhouette that `stretch_mask` stretched."""
+        """Do what `read` does, for a silhouette from `stretch_mask`."""
         return self._weigh(_resize(stretched))
 
     def _weigh(self, look: Mask) -> float:
@@ -81,7 +81,7 @@ class Onlooker:
 
 
 def onlooker_for(target: Mask) -> Onlooker:
-    """Return who looks for the picture that `stretch_mask` stretched."""
+    """Return an onlooker who looks for a picture from `stretch_mask`."""
     signs, gains = _foreign()
     own = _coarsen(_resize(target))
     fits = _fit_all(signs, own)

@@ -167,8 +167,8 @@ def label_parts(sights: Sequence[Sight]) -> Indices:
 def _pieces(lattice: Lattice, worth: Array, parts: Indices) -> tuple[list[Indices], int]:
     """Return the squares (k, 4) of each piece of the hull that draws something beyond larger ones.
 
-    The largest comes first. Something is as much as some edges draw, or most of a picture's piece, such as
-    an eye. The second value is the number of pictures' pieces that are drawn for the most part.
+    The largest comes first. To count, a piece must draw as much as some edges do, or most of a picture's
+    piece, such as an eye. The second value is the number of pictures' pieces that are mostly drawn.
     """
     squares = lattice.squares(lattice.open)
     # curves grow from square to square over shared edges
@@ -195,7 +195,7 @@ def _pieces(lattice: Lattice, worth: Array, parts: Indices) -> tuple[list[Indice
 
 
 def count_parts(lattice: Lattice, worth: Array, parts: Indices) -> int:
-    """Count the pieces of pictures that curves on this lattice can draw for the most part."""
+    """Count the pieces of pictures most of which curves on this lattice can draw."""
     return _pieces(lattice, worth, parts)[1]
 
 

@@ -309,7 +309,7 @@ def read_photo(path: Path) -> Array:
     """Read a photograph upright, as (H, W, 3) from 0 to 1.
 
     Raises:
-        InputError: the file is missing, or is no image that can be read.
+        InputError: the file is missing, or is not a readable image.
     """
     data = read_bytes(path, str(path), _LARGEST_PX, "Check the path.")
     image = run_limited(

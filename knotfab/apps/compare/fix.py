@@ -81,7 +81,7 @@ def plan_fix(found: Comparison, folder: Path, view_name: str | None = None) -> F
 
 
 def tell_fix(fix: Fix, found: Comparison) -> list[str]:
-    """Return the sentences on what moving the lamp alone would bring, and what a new part would."""
+    """Say what moving the lamp alone would bring, and what a new part would."""
     said = [
         f"Moving the lamp alone would bring {tell_share(fix.moved_iou)} (now {tell_share(found.iou)}).",
         f"A new part for the lamp as it stands, {length(fix.light_distance_mm)} mm from its middle, would "

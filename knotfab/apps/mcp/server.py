@@ -188,7 +188,7 @@ async def _serve() -> None:
 
 
 async def _pass_on(came: Any, send: Any) -> None:
-    """Pass on what the client says; when it has left, nobody waits for the jobs that run."""
+    """Pass on the client's messages; once it has disconnected, end the running jobs."""
     async with send:
         async for message in came:
             await send.send(message)

@@ -180,7 +180,7 @@ class Studio(Broadcast):
         """Cut the subject out of a photograph, and return the overlay that shows it.
 
         Raises:
-            InputError: it is no photograph, or no subject can be cut out.
+            InputError: it is not a photograph, or no subject can be cut out.
         """
         picture = self.pictures.get(name)
         if picture is None or picture.text is not None or picture.frames > 1:

@@ -284,12 +284,12 @@ class Explored:
 
     @property
     def whole(self) -> list[Measured]:
-        """The points measured on all compared pictures, over these."""
+        """The points measured on all compared pictures, without their runs on other pictures."""
         return [m.over(self.compared) for m in self.measured if len(m.runs) >= self.compared]
 
     @property
     def front(self) -> list[Measured]:
-        """Those of the whole points that no other beats."""
+        """The points of `whole` that no other one beats."""
         return frontier(self.whole, self.middle.over(self.compared))
 
     def sets_apart(self, one: Measured) -> bool:

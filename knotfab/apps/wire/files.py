@@ -143,7 +143,7 @@ def _read(name: str) -> str:
     """Read a bender's template.
 
     Raises:
-        InputError: there is none of that name, or it is no text.
+        InputError: there is none of that name, or it is not text.
     """
     if name in BENDERS:
         return (files("knotfab.apps.wire") / "benders" / BENDERS[name]).read_text(encoding="utf-8")

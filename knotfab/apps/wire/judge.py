@@ -50,7 +50,7 @@ class PieceShadow:
         return overlap(_cast_shadow(curves, self.radius, self.geometry), self.target).iou
 
     def hides(self, points: Array) -> Array:
-        """Return how deep inside the piece's shadow points (k, 3) are seen, in mm at the points."""
+        """Return how deep inside the piece's shadow the light sees points (k, 3), in mm at the points."""
         pixels, w = self.geometry.project(points)
         i = np.clip(np.rint(pixels[:, 1]).astype(int), 0, self.inside_mm.shape[0] - 1)
         j = np.clip(np.rint(pixels[:, 0]).astype(int), 0, self.inside_mm.shape[1] - 1)

@@ -70,7 +70,7 @@ def write_bending_plan(
             before. The best plan found until then is written.
 
     Raises:
-        InputError: the material is no wire, or its diameter is not the tube's.
+        InputError: the material is not a wire, or its diameter is not the tube's.
         SceneError: no straights and bends of the tool's radius follow the knots.
     """
     material = scene.material

@@ -213,10 +213,10 @@ def set_pixel_size(root: Element, longer: int, what: str) -> float:
         what: how an error names the picture.
 
     Returns:
-        px of CSS of the longer side, as the drawing has it; that of its pixels where it does not say.
+        The longer side in CSS px, as the drawing states it; `longer` if it states none.
 
     Raises:
-        InputError: a width, height or viewBox of nothing, or less.
+        InputError: a width, height or viewBox is zero or negative.
     """
     box = _view_box(root, what)
     width = _pixels(root, "width", None if box is None else box[0], what)

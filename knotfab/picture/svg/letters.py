@@ -1,4 +1,4 @@
-"""Find where the letters of an SVG's text lie: each is drawn in a colour of its own, and nothing else is."""
+"""Find where the letters of an SVG's text lie: each is drawn in its own colour, and nothing else is drawn."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class Letter(NamedTuple):
 def colour_letters(drawing: Element) -> tuple[Element, list[str]]:
     """Return a copy of a drawing that shows its text alone, in a colour for each name, and the names.
 
-    A text whose letters hang together or whose width is given keeps one colour: its letters cannot be
-    drawn apart.
+    A text whose letters hang together or whose width is given keeps one colour, since its letters cannot be
+    drawn separately.
     """
     root = deepcopy(drawing)
     texts = list(root.iter(f"{{{SVG}}}text"))
@@ -104,7 +104,7 @@ def _hide(element: Element) -> None:
 
 
 def _split(element: Element, names: list[str]) -> None:
-    """Wrap each letter of a text in a span of its own, and add the letters to `names`."""
+    """Wrap each letter of a text in its own span, and add the letters to `names`."""
     children, spans = list(element), list[Element]()
     element.text = _append(spans, names, element.text)
     for child in children:

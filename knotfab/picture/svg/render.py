@@ -1,4 +1,4 @@
-"""SVG pictures: made safe, drawn by resvg to a canonical PNG; what it cannot draw is told.
+"""SVG pictures: made safe, drawn by resvg to a canonical PNG; what it cannot draw is noted.
 
 resvg runs in a child process with limits, so that no picture hangs or kills its reader.
 """
@@ -50,7 +50,7 @@ def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...], tuple[Le
 
     Returns:
         An RGBA PNG, the longer side 2048 px (more only where the shorter would fall below 16 px),
-        the aspect ratio kept, transparent where nothing is drawn; a sentence each, what was left out or
+        the aspect ratio kept, transparent where nothing is drawn; a sentence for each thing left out or
         guessed; and the letters of its text, with their boxes in px.
 
     Raises:

@@ -78,8 +78,8 @@ _LONGEST = 100_000  # most characters of a value after its variables are expande
 class Styles:
     """Rewriting of a tree's style sheets, style attributes and attributes, in place.
 
-    `notes` are told; `page` is the colour behind the drawing, if it has one. `choose_family` maps a list
-    of fonts to the family that is drawn; it is None where the drawing has no text.
+    `notes` collects what was changed; `page` is the colour behind the drawing, if it has one. `choose_family`
+    maps a list of fonts to the family that is drawn; it is None where the drawing has no text.
     """
 
     def __init__(

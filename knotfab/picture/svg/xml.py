@@ -100,7 +100,7 @@ def _decode(data: bytes, what: str) -> str:
 
 
 class _Builder:
-    """Tree builder for expat that refuses what is too deep, too large or external."""
+    """A tree builder for expat that refuses what is too deep, too large or external."""
 
     def __init__(self, text: str, what: str) -> None:
         self._what = what
@@ -201,8 +201,8 @@ def _bind_prefixes(text: str) -> str:
 def parse_svg(data: bytes, what: str) -> Element:
     """Parse an SVG file; all drawn elements come back in SVG's namespace.
 
-    Blank lines before the declaration, prefixes that are not declared and a namespace that is left out
-    are mended. Internal entities are written out under a limit.
+    Blank lines before the declaration, undeclared prefixes and a missing namespace are mended. Internal
+    entities are expanded up to a limit.
 
     Raises:
         InputError: not XML, not SVG, a bomb, too deep, or a document type that reaches outside.
