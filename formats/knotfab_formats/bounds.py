@@ -48,11 +48,9 @@ AUTO = "auto"  # how a file says that the build is to choose
 
 @dataclass(frozen=True)
 class Word:
-    """Reads a word of a file as a value, so that no stage has to tell words from numbers; a table writes
-    it back.
+    """Reads a word of a file as a value, so that no stage deals with words; a table writes it back.
 
-    A word for nothing is read as None. If the key may also be `AUTO`, which is None then, it is 0 or
-    False.
+    A word for nothing is read as None or, if None stands for `AUTO`, as 0 or False.
     """
 
     word: str
@@ -67,7 +65,7 @@ class Word:
         )
 
     def _spell(self, value: Any, about: ValidationInfo) -> Any:
-        """Return the word for its own value, which a program may pass, but no file (`about.context`)."""
+        """Put the word in place of its value, which a program may pass, but not a file (`about.context`)."""
         alike = type(value) is type(self.value) and value == self.value
         return self.word if alike and (value is None or about.context is None) else value
 
@@ -171,7 +169,7 @@ def as_written(model: type[BaseModel], key: str, value: Any) -> Any:
 
 
 def takes_number(model: type[BaseModel], key: str) -> bool:
-    """Tell whether a key takes numbers that are not integers."""
+    """Return whether a key takes numbers that are not integers."""
     kind = model.model_fields[key].annotation
     return any(float in (part, *get_args(part)) for part in (kind, *get_args(kind)))
 

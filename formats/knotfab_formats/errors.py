@@ -101,7 +101,7 @@ def read_as(kind: type[T], content: Any) -> T:
     """Parse a record from JSON text; keys that `kind` does not have are ignored.
 
     Raises:
-        ValueError: a key lacks, or has a value of another type.
+        ValueError: a key is missing, or has a value of another type.
     """
     from pydantic import TypeAdapter
 

@@ -71,7 +71,7 @@ Bend = Annotated[float, Strict(), Field(gt=0, le=MOST_BEND)]
 
 
 class Piece(Table):
-    """The tube that is asked for."""
+    """The tube to make."""
 
     tube_radius_mm: Length | Auto = option(None, "Piece --tube-radius")
     """In mm, or auto (default): the thickest tube that draws the picture well."""
@@ -112,7 +112,8 @@ class Piece(Table):
 class Region(Table):
     """The region that must hold the whole tube (scene coordinates).
 
-    Turned about its middle as a view of the same angles is; of an auto size and one view it is that view's.
+    It is turned about its middle as a view of the same angles is; with an auto size and one view, these are
+    the view's.
     """
 
     kind: Literal["box", "cylinder", "sphere", "mesh"] = "box"

@@ -62,7 +62,7 @@ class PlateFigures:
     All of its layers lie below all strands: a change of filament at the height `change_at_mm`, before the
     layer `change_layer` (the first is 1), gives a screen and a piece of two colours. `outline` (n, 2), mm
     right and up from the frame's middle. `hidden_aside`: the share of the shadow's edge that the piece hides
-    from who stands so many degrees to either side.
+    from viewers that many degrees to either side.
     """
 
     thickness_mm: float
@@ -144,7 +144,7 @@ class PlatesFigures:
 
 @dataclass(frozen=True)
 class Flatter:
-    """The cost of printing a piece, its depth as a share of the one that was made."""
+    """The cost of printing a piece, and its depth as a share of that of the one that was made."""
 
     depth_share: float
     hours: float
@@ -292,7 +292,7 @@ class SlicerWarning:
 
 @dataclass(frozen=True)
 class SlicerCheck:
-    """One of knotfab's own looks at the slicer's reading of the file."""
+    """One of knotfab's own checks of how the slicer read the file."""
 
     name: str
     status: Status

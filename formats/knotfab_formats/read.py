@@ -1,6 +1,4 @@
-"""Read a scene.toml for maker and validators: its TOML, its keys, and what views share; and list all
-keys.
-"""
+"""Read a scene.toml for maker and validators: its TOML, its keys, and what views share; list all keys."""
 
 from __future__ import annotations
 
@@ -30,7 +28,7 @@ def scene_of(raw: Mapping[str, Any], what: str, model: type[AScene]) -> AScene:
     """Build the scene from a TOML file's content, as an instance of `model`.
 
     Raises:
-        InputError: an unknown key, a wrong type, unit or bound; a wall that is no earlier view's.
+        InputError: an unknown key, a wrong type, unit or bound; or a wall that belongs to no earlier view.
     """
     scene = model.model_validate(raw, context=what)
     if not any(view.wall for view in scene.views):

@@ -102,7 +102,7 @@ class Scene(Table):
         return not others and first.wall_radius_mm is None and first.kind == "shadow"
 
     def hangs(self, knots: int) -> bool:
-        """Tell whether the piece gets a wall mount; if open, several knots of one view on a flat wall do."""
+        """Return whether the piece gets a wall mount; if open, only several knots on one flat wall do."""
         if self.mount.kind != "auto" or self.mount.on_feet:
             return self.mount.kind == "wall" or self.mount.on_feet
         one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
@@ -188,9 +188,7 @@ class ResolvedView(View):
         return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm, before_lamp)
 
     def px_per_mm(self, width_px: int) -> float:
-        """Return how many px of a picture `width_px` wide make up a mm of a piece in the middle of the
-        scene.
-        """
+        """Return how many px of a picture `width_px` wide make 1 mm of a piece in the scene's middle."""
         return self.magnification * width_px / self.frame_width_mm
 
 

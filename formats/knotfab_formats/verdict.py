@@ -147,8 +147,7 @@ class Misplacement:
     """The cost of lamp (or eye), piece and wall each being misplaced, one way at a time.
 
     `iou` is that of the unmoved scene on the same grid; `samples` counts the shadows. Turns are named by
-    their
-    axes, and are left out if nothing can turn; tilts are left out if the scene expects none.
+    their axes, and are left out if nothing can turn; tilts are left out if the scene expects none.
     """
 
     parting_px: float
@@ -328,8 +327,8 @@ class Misregistration:
 
     `lamp_mm` is how far one lamp may be off, in the worst direction, until its shadow is off by half a
     strand's width anywhere; None where the knots are not known. `share` is the share of right colours once
-    every lamp is moved by `moved_mm`, each to the side, up or down, as by itself costs most; `unmoved` that
-    of none moved, on the same coarser pixels, under points of light both.
+    every lamp is moved by `moved_mm`, each in the direction that costs most by itself; `unmoved` is that with
+    no lamp moved. Both are computed on the same coarser pixels, for point lights.
     """
 
     lamp_mm: float | None

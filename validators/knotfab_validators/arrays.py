@@ -42,7 +42,7 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
 
 
 def _has_room(loop: Any) -> bool:
-    """Tell whether the disk can take a loop's machine code, or has it already."""
+    """Return whether the disk has room for a loop's machine code, or holds it already."""
     stats = getattr(loop, "stats", None)  # NUMBA_DISABLE_JIT leaves the function as it is
     if stats is None or shutil.disk_usage(stats.cache_path).free >= _ROOM_BYTES:
         return True

@@ -87,7 +87,7 @@ def places(points: Iterable[Sequence[float] | Array]) -> tuple[Place, ...]:
 
 
 def spot(point: Sequence[float] | Array) -> str:
-    """Write a point (3,), mm, as it stands in a sentence."""
+    """Format a point (3,), mm, for a sentence."""
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
 
 

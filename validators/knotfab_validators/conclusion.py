@@ -57,8 +57,7 @@ def knot_in_words(name: str, form: str = "{0}") -> str:
 
 
 def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) -> str:
-    """Summarise the verdict: "One closed tube, 4 mm radius, an unknot; every required check passed. 9 × 8 ×
-    3 mm."
+    """Summarise verdict and size: "One closed tube, 4 mm radius, an unknot; every required check passed. …"
 
     Args:
         mesh, curves: what was measured; None where there is none.
@@ -95,7 +94,7 @@ def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) 
 
 
 def tell_lowered(checks: Sequence[Check]) -> list[str]:
-    """Say what the scene asks less of the shadow than a person would, a clause each."""
+    """Say in what the scene asks less of the shadow than a person would, a clause each."""
     said = []
     for check in checks:
         if check.name == "shadow" and isinstance(check.limit, float) and check.limit < LEAST_IOU:

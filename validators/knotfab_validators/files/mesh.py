@@ -34,7 +34,7 @@ UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 def read_mesh(
     path: Path, unit: str = "mm", notes: list[str] | None = None, *, strict: bool = False
 ) -> Mesh:
-    """Read all bodies of a file as one mesh. The content tells the format; the name decides where it cannot.
+    """Read all bodies of a file as one mesh. The content decides the format or, where it cannot, the name.
 
     A 3MF's objects are placed as its build items say, and converted to mm. The other formats carry no unit:
     their numbers are in `unit` (one of `UNITS_MM`).
@@ -44,8 +44,7 @@ def read_mesh(
         strict: refuse a 3MF that slicers read in different ways.
 
     Raises:
-        BadFile: the file cannot be read, holds no triangles, or has coordinates that are not finite or
-        lie
+        BadFile: the file cannot be read, holds no triangles, or has coordinates that are not finite or lie
             farther from the origin than `MOST_MM`.
     """
     content = read_bytes(path, MOST_BYTES).removeprefix(codecs.BOM_UTF8)
@@ -183,12 +182,12 @@ COMMENT = re.compile(rb"\s*(?:#|;|//)[^\r\n]*")
 
 
 def is_stl(content: bytes) -> bool:
-    """Tell whether the content is a binary STL of the right length, or begins like a text one."""
+    """Return whether the content is a binary STL of the right length, or begins like a text one."""
     return len(content) == _length(content) or _is_text(content)
 
 
 def _is_text(content: bytes) -> bool:
-    """Tell whether it begins like a text STL; some programs write that word into binary headers too."""
+    """Return whether it begins like a text STL; some programs write that word into binary headers, too."""
     return bool(BEGINNING.match(content)) and b"\0" not in content[:1000]
 
 
@@ -212,7 +211,7 @@ def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Co
     note, unless they are as long as some: then the header's count is wrong.
 
     Raises:
-        BadFile: it is no STL, or is cut off.
+        BadFile: it is not an STL, or is cut off.
     """
     if len(content) == _length(content):
         corners: Corners = np.frombuffer(content, dtype=FACET, offset=84)["corners"]

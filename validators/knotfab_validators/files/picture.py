@@ -50,14 +50,14 @@ def _plain() -> Reading:
 def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -> Mask:
     """Read the silhouette (H, W) of a picture file, in the pixels of the picture, or of its crop.
 
-    Where the picture has transparency, opaque pixels (alpha at least the threshold, of 255) less the
-    parts that the largest colour encloses of others; otherwise the pixels whose colour differs from the
-    border's (the median of the outermost pixels) by more than the threshold's share of the largest such
-    difference. Differences are Euclidean in the file's own RGB or grey values. `reading` may ask for
-    other ink, all but it, a part of the picture, its largest pieces, and no specks.
+    If the picture has transparency, these are the opaque pixels (alpha at least the threshold, of 255)
+    without parts of other colours that the largest colour encloses. Otherwise they are the pixels whose
+    colour differs from the border's (the median of the outermost pixels) by more than the threshold's share
+    of the largest such difference. Differences are Euclidean in the file's own RGB or grey values. `reading`
+    may ask for other ink, all but the ink, a part of the picture, its largest pieces, and no specks.
 
     Raises:
-        PictureError: the file is missing, is no picture, is damaged, or is smaller than its crop.
+        PictureError: the file is missing, not a picture, damaged, or smaller than its crop.
     """
     reading = reading or _plain()
     if reading.subject_mask:
@@ -109,7 +109,7 @@ def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> N
         drawn: width and height of the masks that it was taken apart into; it must be as large.
 
     Raises:
-        PictureError: as `read_silhouette`, or its size is another one.
+        PictureError: as `read_silhouette`, or it has another size.
     """
     with _opened(path, _plain()) as image:
         if image.size != drawn:
@@ -208,7 +208,7 @@ def _select_ink(image: Image.Image, reading: Reading) -> Mask:
 
 
 def _is_stray(values: NDArray[Any], alpha: NDArray[np.uint8], reading: Reading) -> bool:
-    """Tell whether at most a hundredth of the pixels is clear, and the others show a shape anyway."""
+    """Return whether at most a hundredth of the pixels is clear, and the others show a shape anyway."""
     clear = alpha < 255 * reading.threshold
     if not clear.any():
         return True

@@ -134,7 +134,7 @@ def read_model(blocks: Iterable[bytes], name: str) -> Model:
     does not reach all of those tags (one is in a comment), everything is read element by element.
 
     Raises:
-        BadFile: it is no 3MF model; the message says what is wrong with it.
+        BadFile: it is not a 3MF model; the message says what is wrong with it.
     """
     stream = iter(blocks)
     text = _gather(stream)

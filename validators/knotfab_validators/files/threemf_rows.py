@@ -25,7 +25,7 @@ class Rows:
 
 
 def cut_rows(text: bytes) -> tuple[bytes, dict[int, Rows]]:
-    """Cut the rows that numpy can read out of the text; with them, by the offset of their tag.
+    """Cut the rows that numpy can parse out of the text; return the rest, and the rows by their tag's offset.
 
     Rows are `<vertex x="1.5" y="-2" z="0" />` within <vertices>, and `<triangle v1="0" v2="1"
     v3="2"/>` within <triangles>: plain decimals, no other attributes. If anything else stands

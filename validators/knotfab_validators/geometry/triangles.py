@@ -31,7 +31,7 @@ def triangle_triangle(first: Array, second: Array) -> tuple[Array, Array, Array]
 
 
 def triangles_cross(first: Array, second: Array) -> Mask:
-    """Tell which pairs of triangles (n, 3, 3) cross, up to rounding; coplanar ones count as not crossing.
+    """Return which pairs of triangles (n, 3, 3) cross, up to rounding; coplanar ones count as not crossing.
 
     An edge crosses a triangle if its ends lie on different sides of the plane, and it passes the three sides
     of the triangle on the same hand (by the signs of tetrahedra's volumes).

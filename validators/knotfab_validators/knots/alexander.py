@@ -19,7 +19,7 @@ LARGEST_PRIME = 2**31 - 1  # products of two remainders fit in 64 bits
 
 
 def alexander_polynomial(diagram: PlanarDiagram) -> Laurent:
-    """Return Δ(t), made symmetric and positive; for a link in one variable, and 0 if it is split.
+    """Return Δ(t), made symmetric and positive; a link has it in one variable, and 0 if it is split.
 
     For a knot: Δ(1) = 1 and Δ(t) = Δ(1/t). For a link it is fixed up to sign and powers of t only:
     here the lowest exponent is 0 and the first coefficient positive.
@@ -171,7 +171,7 @@ def _prime_below(n: int) -> int:
 
 
 def _is_prime(n: int) -> bool:
-    """Tell whether n is prime by Miller-Rabin with bases 2, 3, 5 and 7, exact below 3.2e9 (Jaeschke 1993)."""
+    """Return whether n is prime: Miller-Rabin with bases 2, 3, 5, 7, exact below 3.2e9 (Jaeschke 1993)."""
     odd, twos = n - 1, 0
     while odd % 2 == 0:
         odd, twos = odd // 2, twos + 1
@@ -200,8 +200,8 @@ A_SMOOTHING, B_SMOOTHING = (1, 0, 3, 2), (3, 2, 1, 0)
 def jones_polynomial(diagram: PlanarDiagram) -> Laurent | None:
     """Return V(t) with the exponents of t doubled: 2 stands for t, 1 for its square root.
 
-    1 for the unknot, t + t^3 - t^4 for the right-handed trefoil; exponents are odd for an even
-    number of components. None where it would take too long.
+    It is 1 for the unknot, t + t^3 - t^4 for the right-handed trefoil; exponents are odd for an even
+    number of components. None if it would take too long.
     """
     bracket = _bracket(diagram)
     if bracket is None:
@@ -216,7 +216,7 @@ def jones_polynomial(diagram: PlanarDiagram) -> Laurent | None:
 
 
 def _bracket(diagram: PlanarDiagram) -> Laurent | None:
-    """Sum the states in x = A^2.
+    """Sum the states of Kauffman's bracket, in x = A^2.
 
     A smoothing contributes x or 1, a crossing that closes k loops (-x^2 - 1)^k x^(2 - k), and a free loop
     -x^2 - 1.

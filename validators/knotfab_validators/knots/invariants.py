@@ -130,7 +130,7 @@ class Invariants:
         )
 
     def fits(self, other: Invariants) -> bool:
-        """Tell whether all invariants known of both agree, so that they may be one knot."""
+        """Return whether all invariants known of both agree, so that they may be one knot."""
         return (
             (self.alexander, self.signature) == (other.alexander, other.signature)
             and (None in (self.jones, other.jones) or self.jones == other.jones)

@@ -128,7 +128,7 @@ def knot_checks(curves: Curves, asked: str | None = None) -> tuple[Check, Check]
 
 
 def _compare_with_scene(own: Check, knots: Sequence[KnotFinding], asked: Promise) -> Check:
-    """`own` is what the knots' own promises come to; it fails where the scene's is refuted."""
+    """Fail the check `own`, of the knots' own promises, if they refute the scene's promise."""
     said = f"the scene's piece.knot is {asked.text!r}"
     limit = "unknot" if asked.unknot else asked.text
     if not asked.meant:
@@ -237,7 +237,7 @@ def _name_left_out(curves: Curves) -> str:
 
 
 def _crosses_nowhere(polygons: Sequence[Array]) -> bool:
-    """Tell whether the polygons, seen along z, y or x, are simple and do not cross each other.
+    """Return whether the polygons, seen along z, y or x, are simple and do not cross each other.
 
     Leaving out a coordinate rounds nothing, and shapely's orientation test is exact.
     """

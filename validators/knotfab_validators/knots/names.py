@@ -3,7 +3,7 @@
 A name is a knot of the table ("3_1" to "10_165"), "unknot" or "0_1", a word ("trefoil", "figure-eight",
 "cinquefoil", "stevedore", "granny", "square"), a torus knot "T(3,4)", or a sum: "3_1#4_1". Without a
 hand, the knot and its mirror image both keep the promise. "left-handed 5_2" or "right-handed 5_2" ask
-for one; which is which says `invariants.Invariants.hand`. A prefix "m" is a factor's mirror image:
+for one (`invariants.Invariants.hand` defines which is which). A prefix "m" is a factor's mirror image:
 in a sum it says how the factors' hands relate ("3_1#m3_1" is the square knot, "3_1#3_1" a granny of
 either hand); on every factor it means left-handed ("m3_1"), and so does a negative number ("T(2,-3)").
 """
@@ -145,7 +145,7 @@ def braid_of(knot: Knot) -> tuple[int, ...]:
 
 
 def is_amphichiral(name: str) -> bool:
-    """Tell whether the knot is the same as its mirror image."""
+    """Return whether the knot is the same as its mirror image."""
     return name in _table()["amphichiral"]
 
 
@@ -231,8 +231,8 @@ def promised_knot(text: str) -> Promise:
 def asked_knot(text: str) -> Promise:
     """Return the promise in a scene's `[piece] knot`: one of a knot's "type", or as people write it.
 
-    That is "left 5_2" for "left-handed 5_2", "3_{1}", "T( 2, 3 )"; and no name at all is the unknot. Of a
-    factor that is mirrored, "left" and "right" do not say which hand is meant: both keep that promise.
+    People write "left 5_2" for "left-handed 5_2", "3_{1}", or "T( 2, 3 )"; no name at all means the unknot.
+    With a mirrored factor, "left" and "right" do not say which hand is meant: both keep that promise.
     """
     name = " ".join(text.lower().replace("_{", "_").replace("}", "").split())
     name = re.sub(r"\(\s*(-?\d+)\s*,\s*(-?\d+)\s*\)", r"(\1,\2)", name) or "unknot"

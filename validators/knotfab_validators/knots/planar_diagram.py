@@ -2,7 +2,7 @@
 
 A crossing is (a, b, c, d): the arc that comes in below, then the others counter-clockwise as seen
 from above (the planar diagram code of KnotTheory and KnotInfo). Each arc leads from one crossing to
-the next and stands twice in the code.
+the next and appears twice in the code.
 """
 
 from __future__ import annotations

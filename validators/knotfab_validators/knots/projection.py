@@ -97,8 +97,7 @@ class _Crossings:
 
 
 def _in_order(crossings: _Crossings) -> Ints | None:
-    """Order all passages along the edges: i is crossing i above, count + i below; None if
-    unsure."""
+    """Order all passages along the edges: i is crossing i above, count + i below; None if unsure."""
     edge = np.concatenate([crossings.over, crossings.under])
     at = np.concatenate([crossings.over_at, crossings.under_at])
     error = np.concatenate([crossings.over_error, crossings.under_error])

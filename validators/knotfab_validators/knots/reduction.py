@@ -168,7 +168,7 @@ def determinants(u: Array, v: Array, w: Array) -> Array:
 
 
 def may_pierce(a: Array, b: Array, c: Array, p: Array, q: Array) -> Mask:
-    """Tell whether segment pq may meet triangle abc (rows of points); False is certain.
+    """Return whether segment pq may meet triangle abc (rows of points); False is certain.
 
     Where p or q is the triangle's corner a or c, bit for bit, the segment may touch it there.
     """
@@ -206,7 +206,7 @@ def _link(at: Array, knot: Ints) -> Ring:
 
 
 def adjacent(ring: Ring, i: Ints, j: Ints) -> Mask:
-    """Tell whether edges i and j are equal or share a vertex (edge k begins at vertex k)."""
+    """Return whether edges i and j are equal or share a vertex (edge k begins at vertex k)."""
     return np.asarray((i == j) | (ring.after[i] == j) | (ring.after[j] == i))
 
 

@@ -169,8 +169,7 @@ def _faces_beside(knot: PlanarDiagram) -> tuple[list[int], list[int]]:
 def _shortest_way(
     left: list[int], right: list[int], run: _Run, chance: random.Random
 ) -> list[tuple[int, bool]] | None:
-    """Return the arcs on a shortest way between the run's ends, and which are crossed
-    rightwards."""
+    """Return the arcs on a shortest way between the run's ends, and which are crossed rightwards."""
     ends, inner = (run.arcs[0], run.arcs[-1]), set(run.arcs[1:-1])
     beside: dict[int, list[tuple[int, int]]] = {}
     for arc in range(len(left)):

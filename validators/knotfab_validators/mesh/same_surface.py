@@ -36,8 +36,7 @@ class SurfaceDifference:
 def compare_surfaces(mesh: Mesh, other: Mesh) -> SurfaceDifference:
     """Compare the vertices of two meshes, and then their faces with orientation.
 
-    The order of bodies, vertices and faces, and the first corner of a face, do not matter. Multiplicity
-    and
+    The order of bodies, vertices and faces, and the first corner of a face, do not matter. Multiplicity and
     orientation do. Faces in the same order are compared corner by corner first, which is quick.
     """
     if mesh.faces.shape == other.faces.shape:
@@ -51,10 +50,10 @@ def compare_surfaces(mesh: Mesh, other: Mesh) -> SurfaceDifference:
 def check_same_3mf(mesh: Mesh, part: Path) -> Check:
     """Check `same_3mf`: every 3MF beside the part is the same surface, faces with their sides.
 
-    `measured` is the largest distance of a vertex from the other file's nearest, mm; words where the faces
-    differ between the same vertices, or where a file cannot be read, or is not read alike by all slicers.
-    Skipped where there are none. Required of files that a build writes: a stranger's 3MF of the same name
-    may be another part.
+    `measured` is the largest distance of a vertex from the other file's nearest, mm, or words if the faces
+    differ between the same vertices, a file cannot be read, or slicers read it differently. The check is
+    skipped if there are none, and required only of files that a build writes: another program's 3MF of the
+    same name may be another part.
 
     Args:
         mesh: what the file `part` holds.
@@ -125,14 +124,14 @@ OWN = re.compile(r"part(-\d+)?|zoetrope")  # names that a build gives to its STL
 
 
 def is_own(part: Path) -> bool:
-    """Tell whether a build writes files of that name, so that the 3MF beside it must be the same part."""
+    """Return whether a build writes files of that name, so that the 3MF beside it must be the same part."""
     return OWN.fullmatch(part.stem) is not None
 
 
 def find_3mf(part: Path) -> list[Path]:
-    """List the 3MF files of the same part beside an STL, also the coloured one of a build.
+    """List the 3MF files of the same part beside an STL, including a build's coloured one.
 
-    Beside `part-03.stl` these are `part-03.3mf` and `part-colours-03.3mf`; beside other formats none.
+    Beside `part-03.stl` these are `part-03.3mf` and `part-colours-03.3mf`; other formats have none.
     """
     if part.suffix.lower() != ".stl":
         return []

@@ -311,8 +311,7 @@ class Opinions:
 def opinions(mesh: Mesh) -> Opinions:
     """Look for faces that meet by both libraries; faces without area must have been removed.
 
-    libigl (AABB tree, Shewchuk's exact predicates) reports faces that merely touch: a corner, an edge or
-    a
+    libigl (AABB tree, Shewchuk's exact predicates) reports faces that merely touch: a corner, an edge or a
     plane in common that the index does not share is enough. pymeshlab (Möller's test in floating point)
     reports faces that each lie on both sides of the other. So faces that touch are found by libigl alone.
     Neither reports faces with the same three corners: another check finds these duplicates.

@@ -132,7 +132,7 @@ class _Index:
         return rank.clip(min=-1, max=self.height - 1)
 
     def is_filled(self, column: Ints, layer: Ints, layer_mm: float) -> Mask:
-        """Tell (k,) whether `column` (k,), -1 for none, has material between layer and layer + 1.
+        """Return whether `column` (k,), -1 for none, has material between layer and layer + 1, (k,).
 
         A stretch of material that begins at the layer's very top is not counted.
         """

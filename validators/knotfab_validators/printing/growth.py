@@ -120,9 +120,9 @@ def _grow(
 
 @compiled
 def _moved(middle: Array, box: Array, n: int, leg: int, axis: int, row: float) -> float:
-    """Measure how far a leg goes aside, by its middle: that also moves where part of a foot ends.
+    """Measure how far a leg shifts along an axis, by its middle, but not if only part of a foot ends.
 
-    No side of the box stays behind where the whole goes aside.
+    The middle moves then, too, but one side of its box stays, whereas both sides move if the whole leg does.
     """
     low = box[n, 2 * axis] - box[leg, 2 * axis]
     high = box[n, 2 * axis + 1] - box[leg, 2 * axis + 1]
@@ -205,7 +205,7 @@ def _away(
 def _reach(
     first: Ints, left: Array, right: Array, piece: Ints, held: Mask, rows: int, row: float
 ) -> tuple[Ints, Array, Array]:
-    """Find the places farther than `LINE_MM` from what holds them: the layer's row, x, and the distance."""
+    """Find the places farther than `LINE_MM` from the layer below; return their rows, x and distances."""
     most = 1024
     bucket_of, x_of, far = np.empty(most, np.int64), np.empty(most), np.empty(most)
     count = 0

@@ -245,13 +245,13 @@ class Probe:
         )
 
     def _nearly_parallel(self, f: Ints, g: Ints) -> Mask:
-        """Tell whether faces are parallel within 30°; slivers pass, since their normals are unreliable."""
+        """Return whether faces are parallel within 30°; slivers pass, since their normals are unreliable."""
         facing = -np.einsum("ij,ij->i", self.normals[f], self.normals[g]) >= FACING
         mask: Mask = (f != g) & (facing | ~self.usable[f] | ~self.usable[g])
         return mask
 
     def _is_minimum(self, one: Ints, two: Ints, p: Array, q: Array, distance: Array) -> Mask:
-        """Tell whether p is the nearest to q of all points on the faces around `one`, and the reverse."""
+        """Return whether p is the nearest to q of all points on the faces around `one`, and the reverse."""
         corner = self.mesh.vertices[self.mesh.faces]
         true = distance > MET_MM
         for face, point in ((one, q), (two, p)):
@@ -276,7 +276,7 @@ class Probe:
 def _sample_lattice(
     corner: Array, edges: Array, height: Array, usable: Mask, spacing: float
 ) -> tuple[Array, Ints]:
-    """Place points (n, 3) on the usable faces, in rows along the longest edge; with faces."""
+    """Place points (n, 3) on the usable faces, in rows along the longest edge; also return their faces."""
     face = np.flatnonzero(usable)
     longest = edges[face].argmax(axis=1)
     a, b, c = (corner[face, (longest + k) % 3] for k in range(3))

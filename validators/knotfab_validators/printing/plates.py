@@ -209,8 +209,8 @@ def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach:
     """Check `bars`: the bars in the file are exactly those listed, and each joins two strands.
 
     A bar is a full box. Its axis begins in one strand, leaves it, and ends in another; it meets nothing
-    between. It may be as wide as it likes on the bed, where it is a strip that is peeled off; elsewhere it
-    is to be broken away.
+    between. On the bed, where it is a strip to peel off, it may have any width; elsewhere it must break
+    away.
 
     Args:
         strands: the sections of the part without its bars.

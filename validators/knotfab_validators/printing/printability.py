@@ -91,17 +91,17 @@ def printability_checks(
     - `standing`: how far the middle of a body's mass lies inside the hull of its first layer, the
       least of all bodies that reach the bed; must not be negative where the part `stands`.
 
-    Of what is printed in powder only `feature` and `gap` are asked, and `standing` where it `stands`.
+    A part printed in powder is only asked for `feature` and `gap`, and for `standing` if it `stands`.
 
     Args:
         mesh: closed, consistently wound, finite and free of crossings, else nothing here means
             anything. printer: None: measured against nothing.
         seconds: the time each group took is added to it.
-        stands: the part is to stand. desk: (3, 3) the turn from print coordinates to those in which it
-            does (z up); None: it stands as it is printed.
+        stands: whether the part is meant to stand. desk: (3, 3) the turn from print coordinates to those in
+            which it does (z up); None: it stands as it is printed.
         lacking: why the mesh cannot be measured; all checks are skipped with it.
         proud: how far corners beside places (k, 3) stand out of the tube that the mesh stands for, mm.
-        upright: of a piece that is designed to print without supports; the checks of `names.GROWN` come too.
+        upright: the part, if it is designed to print without supports; the checks of `names.GROWN` are added.
     """
     asked = PRINTING if upright is None else (*PRINTING, *GROWN)
     if lacking is None and np.ptp(mesh.vertices, axis=0).max() > MOST_MM:

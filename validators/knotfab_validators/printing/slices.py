@@ -49,7 +49,7 @@ def slice_layers(mesh: Mesh, layer_mm: float, row_mm: float = ROW_MM) -> Slices:
 
     The point where a section meets an edge is computed once for both its faces, and every interval of
     heights and rows has one end: whatever falls on a corner, a closed surface gives closed sections. Material
-    is where the winding number is positive: what bodies share counts once, a hollow is none.
+    is where the winding number is positive: what bodies share counts once, and a hollow does not count.
 
     Raises:
         TooMuchWork: there are too many rows or crossings.
@@ -88,8 +88,7 @@ def _cross(
     sign: Array,
     write: bool,
 ) -> None:
-    """Count in `at[1:]` where rows enter (+1) and leave (-1) the part, or write them from `at`
-    on."""
+    """Count in `at[1:]` where rows enter (+1) and leave (-1) the part, or write these places from `at` on."""
     ends = np.empty((2, 2))
     for face in range(len(faces)):
         z0, z1, z2 = (

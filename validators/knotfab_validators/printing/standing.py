@@ -82,7 +82,7 @@ def bodies(mesh: Mesh) -> list[Body]:
 def footprint(vertices: Array, faces: Ints, layer_mm: float) -> Array:
     """Return the points (n, 2) of a body's first layer (z <= `layer_mm`) that may be corners of its hull.
 
-    Its vertices there, and where its edges leave the layer.
+    These are its vertices there, and the points where its edges leave the layer.
     """
     first, second = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     low = vertices[first, 2] <= layer_mm
@@ -173,7 +173,7 @@ BED_MM = 1e-3  # tolerance of the first layer's height
 
 
 def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Array:
-    """Return how much of each face overhangs, (m,) mm²: looks down, beyond the limit, off the bed.
+    """Return the area of each face that overhangs beyond the limit, off the bed, (m,) mm².
 
     A face overhangs by 90° less the angle between its normal and straight down: a vertical wall by
     0°, a ceiling by 90°. It counts from above the first layer on (z > `layer_mm`), where it is cut.
@@ -190,9 +190,9 @@ def support_volume(
 ) -> tuple[float, Array]:
     """Return the volume of the columns from overhanging faces down to the surface below or the bed, mm³.
 
-    Solid columns: what a slicer prints of them is a sparse grating. Per column of the grid its
+    Columns count as solid, although a slicer prints a sparse grating. Each column of the grid adds its
     height times the cell's area (the midpoint rule: off by about half a cell along the rim of each
-    overhang). Also the place (3,) of the tallest one's top, NaN where there is none.
+    overhang). Also return the place (3,) of the tallest one's top, NaN if there is none.
     """
     normals, _ = mesh.normals
     needs = _steep(normals, max_overhang_deg)[grid.face] & (grid.low > layer_mm + BED_MM)

@@ -215,9 +215,7 @@ def _find_undersides(mesh: Mesh, cut: Slices, feet: int) -> Array:
 
 
 def _check_tipping(cut: Slices, grown: Growth) -> Check:
-    """Check how far each body can be tipped: the angle from its centre's margin within the feet and its
-    height.
-    """
+    """Check how far each body can be tipped, from its centre's height and margin within the feet."""
     bodies = int(grown.body.max()) + 1
     weight = np.bincount(grown.body, grown.area, bodies)
     moment = [np.bincount(grown.body, grown.area * x, bodies) for x in grown.middle.T]

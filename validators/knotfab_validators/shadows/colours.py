@@ -157,7 +157,7 @@ def check_colours(told: Colours, iou_floor: float | None) -> list[Check]:
 def write_colours(folder: Path, colours: MixedPicture) -> None:
     """Write colours.png, the picture seen on the screen, and compare-colours.png.
 
-    In that picture, masks, what is seen, and what of it is wrong stand side by side.
+    The latter has the masks, what is seen, and what is wrong side by side.
     """
     Image.fromarray(colours.shown).save(folder / "colours.png")
     wrong = np.rint(0.35 * colours.shown + 0.65 * 255).astype(np.uint8)

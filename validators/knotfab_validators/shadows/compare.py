@@ -220,7 +220,7 @@ def receive(
 ) -> tuple[ViewGeometry, RoundWall | None]:
     """Return the view on the wall that receives the shadows, and what `find_wall` measured.
 
-    A round wall is taken as flat where the scene says so, or a flat one is not off by a tolerance.
+    A round wall is taken as flat if the scene says so, or if a flat one is off by less than the tolerance.
     """
     wall = find_wall(geometry)
     if wall is None:

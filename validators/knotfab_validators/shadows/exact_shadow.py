@@ -197,7 +197,7 @@ def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any
 
 @dataclass(frozen=True)
 class Linework:
-    """Oriented straight edges that bound: at every point as many end as begin.
+    """Oriented straight edges that form closed boundaries: at every point as many end as begin.
 
     `start` and `end` are (n, 2), in pixels; `weight` (n,) counts how often an edge is run through.
     """

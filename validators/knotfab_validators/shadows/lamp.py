@@ -59,7 +59,7 @@ def averages_lamp(
     lamp: SceneLamp,
     tolerance_px: float = 0.25,
 ) -> bool:
-    """Tell whether to average over the lamp: the scene demands it, or the blur exceeds the threshold."""
+    """Return whether to average over the lamp: the scene demands it, or the blur exceeds the threshold."""
     size = lamp_size(lamp)
     if effects.penumbra is not None or size == 0:
         return bool(effects.penumbra) and size > 0
@@ -83,7 +83,7 @@ def measure_penumbra(
         renderer: renderer of the mesh whose `vertices` (n, 3) these are, scene coordinates (mm).
         geometry: the view on the pixels of `target` (H, W), the padded `frame`.
         sharp: (H, W) the shadow that the lamp's middle throws.
-        within: (H, W) where shadow counts, of a wall that ends; None: everywhere.
+        within: (H, W) where shadow counts, if the wall ends; None: everywhere.
     """
     widest = blur_px(vertices, geometry, lamp_size(lamp))
     points = lamp_points(lamp, widest, tolerance_px)
@@ -162,7 +162,7 @@ def lamp_size(lamp: SceneLamp) -> float:
 
 
 def is_flat(lamp: SceneLamp) -> bool:
-    """Tell whether the lamp's light falls off by the cosine to its side, with none behind it."""
+    """Return whether the lamp's light falls off by the cosine to its side, with none behind it."""
     return lamp.light_shape != "ball"
 
 

@@ -69,7 +69,7 @@ def _moved_views(
 ) -> Iterator[tuple[str, str, ViewGeometry]]:
     """Yield each move: its name, its direction, and the resulting view.
 
-    What hangs on the wall (not `turns`) leans with it, which is the light turned the other way.
+    A piece that hangs on the wall (not `turns`) leans with it, as if the light turned the other way.
     """
     axes = {"right": geometry.right, "up": geometry.up, "towards": geometry.axis}
     for way, axis in axes.items() if placing.lamp_mm > 0 else ():
@@ -87,14 +87,14 @@ def _moved_views(
 def parting_px(
     points: Array, middle: Array, geometry: ViewGeometry, placing: Placing, *, turns: bool = True
 ) -> float:
-    """Measure how far shadows of points (n, 3) depart from the best similarity in the worst move, px."""
+    """Return how far, px, the worst move takes shadows of points (n, 3) from the nearest similar figure."""
     views = _moved_views(middle, geometry, placing, turns)
     left = [fit_likeness(points, geometry, moved).left_mm for _, _, moved in views]
     return max(left, default=0.0) / geometry.pixel_mm
 
 
 def moves_apart(effects: Switches, parting: float, tolerance_px: float = 0.25) -> bool:
-    """Tell whether to render moves: the scene demands it, or parts of the shadow visibly move apart."""
+    """Return whether to render moves: the scene demands it, or parts of the shadow visibly move apart."""
     if effects.misplacement is not None:
         return effects.misplacement
     return parting > PARTING_TOLERANCES * tolerance_px
@@ -123,8 +123,8 @@ def measure_misplacement(
             centre lines.
         middle: (3,) mm, what the piece turns about.
         target: (H, W), the picture's silhouette on the grid of `geometry`.
-        turns: whether the piece can turn against the wall: not one that is mounted on it.
-        within: (H, W) of it, where shadow counts: a stand's shows below the frame. None:
+        turns: whether the piece can turn against the wall, as one that is mounted on it cannot.
+        within: (H, W) where shadow counts, for instance not that of a stand below the frame. None:
             everywhere.
         parting: what `parting_px` says.
     """
@@ -188,7 +188,7 @@ def layer_shift_px(vertices: Array, geometry: ViewGeometry, layer_mm: float) -> 
 
 
 def shows_layers(effects: Switches, shift_px: float, tolerance_px: float = 0.25) -> bool:
-    """Tell whether to render slices: the scene demands it, or their steps exceed the threshold."""
+    """Return whether to render slices: the scene demands it, or their steps exceed the threshold."""
     if effects.layers is not None:
         return effects.layers
     return shift_px > LAYER_TOLERANCES * tolerance_px
@@ -200,8 +200,8 @@ def _cut_contours(
 ) -> tuple[Array, Array, Ints]:
     """Cut faces into slices: edges (k, 3) from and to, matter at their left, and layers (k,).
 
-    A slice is cut in the middle of its layer. Of a face that turns anticlockwise about its outward
-    normal the slice runs from the side that leads down through it to the one that leads up. Both
+    A slice is cut in the middle of its layer. On a face that turns anticlockwise about its outward
+    normal, the cut runs from the side that leads down through it to the one that leads up. Both
     faces at a side cut it at the same point, to the last bit.
 
     Args:
@@ -303,7 +303,7 @@ def measure_layers(
     Args:
         shift_px: shift of `layer_shift_px`.
         smooth: (H, W) the shadow of the mesh itself.
-        within: (H, W) where shadow counts, of a wall that ends; None: everywhere.
+        within: (H, W) where shadow counts, if the wall ends; None: everywhere.
     """
     layers = int(np.ceil(np.ptp(mesh.vertices[:, 2]) / layer_mm))
     shadow = layered_mask(mesh, geometry, layer_mm)

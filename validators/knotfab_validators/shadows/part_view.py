@@ -75,10 +75,9 @@ class PosedPart:
 class SeenView:
     """What a view requires, and what is seen there.
 
-    `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`. `drawn` (H, W) is what
-    the part
-    draws of it, widened and `bent`; None if that is the same. If the centre lines are known, a picture in
-    greys has a `tone`, any other one a `verdict`. `soft` is the shadow of a lamp whose width shows.
+    `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`. `drawn` (H, W) is what the
+    part draws of it, widened and `bent`; None if that is the same. If the centre lines are known, a picture
+    in greys has a `tone`, any other one a `verdict`. `soft` is the shadow of a lamp whose width shows.
     `subject_edges` is the share of a photograph's subject that its cut-out draws (`edges_drawn`).
     """
 
@@ -280,7 +279,7 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
 
 
 def _misplace(part: PosedPart, seen: SeenView) -> Misplacement | None:
-    """Measure the cost of misplacement; None if it does not part the shadow far enough."""
+    """Measure the cost of misplacement; None if it hardly changes the shadow's shape."""
     scene, target, points = part.scene, seen.target, part.points
     middle: Array = (points.min(axis=0) + points.max(axis=0)) / 2
     turns = scene.mount.kind != "wall"

@@ -72,7 +72,7 @@ def recognise(
     blur_px: float = 0.0,
     bridged: int = 0,
 ) -> Recognition:
-    """Judge whether a person knows the picture in its shadow, and list what of it is lost.
+    """Judge whether a person knows the picture in its shadow, and list its losses.
 
     Args:
         shadow, target: (H, W), on the padded working frame.
@@ -313,7 +313,7 @@ def _extent(change: Change) -> Box:
 
 
 def _inside(box: Box, row: Box) -> bool:
-    """Tell whether a box lies in a row's, or sticks out by at most half the row's height."""
+    """Return whether a box lies in a row's, or sticks out by at most half the row's height."""
     margin = (row[3] - row[1]) / 2
     sideways = row[0] - margin <= box[0] and box[2] <= row[2] + margin
     return sideways and row[1] - margin <= box[1] and box[3] <= row[3] + margin

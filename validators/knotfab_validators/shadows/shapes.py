@@ -166,7 +166,7 @@ SHAPE_PX = 12  # px to a side when shapes are compared
 class Row:
     """The bounding box of a row, its number of pieces, and whether these are letters rather than windows.
 
-    `repeated` says that most have one shape, as stars and beads do: as small as letters, and no text.
+    `repeated` says that most have one shape, as stars and beads do, which are small like letters but no text.
     """
 
     box: Box
@@ -206,7 +206,7 @@ def _is_text(row: Sequence[Box], picture: Mask | None) -> bool:
 
 
 def _is_repeated(row: Sequence[Box], picture: Mask | None) -> bool:
-    """Tell whether most pieces have the shape of the middle one."""
+    """Return whether most pieces have the shape of the middle one."""
     if picture is None:
         return False
     shapes = [_sample(box, picture) for box in row]

@@ -36,7 +36,7 @@ def check_table(plates: Sequence[Plate], scene: Scene) -> list[Check]:
     - `table_bars`: whether matter fills every bar as the scene has it (`check_table_bars`).
     - `table`: with every body moved as the scene says, how far the hole that is right below each lamp lies
       beside it, and how far the front of the screen's slot lies from the wall: at most `OFF_MM`.
-    - `table_shadow`: what of the picture lies in its shadow, under any lamp: at most `MOST_DARK`.
+    - `table_shadow`: how much of the picture lies in its shadow, under any lamp: at most `MOST_DARK`.
     """
     room = scene.printer.stated("build_volume_mm")
     failed, said = 0, ""
@@ -126,5 +126,5 @@ def _off_slot(frame: Mesh, geometry: ViewGeometry, top: float) -> float:
 
 
 def _is_solid(frame: Mesh, points: Array) -> Mask:
-    """Tell which points (n, 3) lie in the frame."""
+    """Return which points (n, 3) lie in the frame."""
     return np.asarray(winding_numbers(points, frame, exact=False) > 0.5)

@@ -55,8 +55,9 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
     grown large. Two pieces are bridged where they are apart in the picture closed by `reach_px`, and one in
     the shadow opened by it: by the duality of a planar set and its complement, a bay closed off is the
     same with background for pieces. Strokes are broken where picture opened and shadow closed say so.
-    Opening and closing are those by a disc (Serra 1982). What is one before and after is so across pixels'
-    sides, and what was apart is so at their corners too: two squares that touch at a corner are neither.
+    Opening and closing are those by a disc (Serra 1982). Regions
+    count as one only across pixels' sides, and as apart only if corners do not touch either, so that two
+    squares that touch at a corner are neither.
 
     Args:
         shadow, target: (H, W), on one grid.
@@ -91,7 +92,7 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
 def crop_to_ink(
     shadow: Mask, target: Mask, edge_px: float
 ) -> tuple[Mask, Mask, tuple[int, int]] | None:
-    """Crop both masks to their ink and an edge; with their corner, or None without ink.
+    """Crop both masks to their ink and an edge; also return the corner. None without ink.
 
     The edge, a little wider than `edge_px`, makes the outside one region and cuts no dilation by as
     much.
@@ -143,8 +144,8 @@ def count_touching(target: Mask, reach_px: float) -> int:
     """Count where pieces of a picture barely touch or miss, as squares at their corners.
 
     No tube can draw such a place: it either runs through or leaves it open. Pieces are those of the
-    picture opened by `reach_px`. A place is where two are within that distance of what parts them,
-    and is short: a slit is none.
+    picture opened by `reach_px`. A place lies where two are within that distance of the line midway
+    between them, and is short, unlike a slit.
     """
     from scipy.ndimage import distance_transform_edt, find_objects
 

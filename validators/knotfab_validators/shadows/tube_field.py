@@ -227,7 +227,7 @@ def _sample_mask(mask: Mask) -> Array:
 
 
 def _find_well_inside(mask: Mask, pixels: Array) -> Mask:
-    """Tell which pixels (m,) are dark with all their neighbours, so that nothing there can be spill."""
+    """Return which pixels (m,) are dark with all their neighbours, so that nothing there can be spill."""
     inner = mask.copy()
     for axis in (0, 1):
         inner &= np.roll(inner, 1, axis) & np.roll(inner, -1, axis)

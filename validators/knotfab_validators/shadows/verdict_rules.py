@@ -35,7 +35,7 @@ class Rule:
       and a stray outline alone do not deny the word.
     - `lost_share`: share of the picture's area in lost features wider than `lost_tubes`.
     - `astray_radii`: how far a strand or gap may lead off, radii.
-    - `leg_radii`: how far a leg of the mount may, between the picture's top and foot.
+    - `leg_radii`: how far a leg of the mount may lead off, between the picture's top and foot.
     """
 
     iou: float
@@ -122,7 +122,7 @@ class Facts:
         return max((width for width, _ in self.lost), default=0.0)
 
     def specks_seen(self, rule: Rule) -> bool:
-        """Tell whether more specks of light are seen than a rule allows."""
+        """Return whether more specks of light are seen than a rule allows."""
         return self.specks > rule.specks or (
             self.specks > 1 and self.speck_share > rule.speck_share
         )

@@ -34,9 +34,9 @@ class VerifiedView:
     of the part's vertex that casts the outline where it is farthest off. `wrong` is the longest stretch
     along which the outlines of shadow and picture differ. `intrusion` is the share of the frame
     that a mount darkens outside both picture and knots; None where the knots are not known.
-    `framed` is `whole` without what a stand darkens outside the frame, and `judged`, of which the
-    floor is asked, without all that it darkens beside the tube, and with the strokes as wide as they are
-    drawn (`drawn`); without a stand and wider strokes all three are one.
+    `framed` is `whole` without what a stand darkens outside the frame; `judged`, to which the floor applies,
+    is without all that it darkens beside the tube, and has the strokes as wide as they are drawn (`drawn`).
+    Without a stand and wider strokes all three are the same.
     `seen` is the shadow that `framed` compares, `of_tube` that without the stand. `tube_px` is half the width
     of the tube's, in the middle of its depth; None without knots.
     """
@@ -96,7 +96,7 @@ def verify_view(
         closed: for each of them, whether its last point joins the first; all by default.
         mounted: whether the part is more than the tube about `polygons`; then the knots' own shadow
             is that of the exact tube, which the check `tube` finds in the part.
-        stand: whether that is a stand or an eyelet, which shows outside the frame and may inside it. The
+        stand: whether that is a stand or an eyelet, which shows outside the frame and perhaps inside it. The
             outline is then that of the tube's own surface, and the tube's shadow is what is judged.
         renderer: renderer of this mesh, where rendering is possible. caster: caster of this mesh, where one
             is at hand.
@@ -185,7 +185,7 @@ def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
 def _see_aside(
     caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry
 ) -> dict[str, list[Mask]]:
-    """Do as `see_aside`, without what lies on the wall, which is no part of the piece."""
+    """Do what `see_aside` does, without matter on the wall, which is not part of the piece."""
     _, w = geometry.project(vertices)
     before = (w < geometry.w_of_receiver)[faces].any(axis=1)
     if before.all():

@@ -43,7 +43,7 @@ class Cylinder:
         return off @ np.cross(self.along, normal), off @ self.along, off @ normal
 
     def roll(self, flat: Array, normal: Array) -> tuple[Array, Array]:
-        """Roll points (n, 3) of the flat receiver onto the cylinder; with unit normals (n, 3)."""
+        """Roll points (n, 3) of the flat receiver onto the cylinder; also return unit normals (n, 3)."""
         arc, high, _ = self._parts(flat, normal)
         right, turn = np.cross(self.along, normal), arc / self.radius
         sine, cosine = np.sin(turn)[:, None], np.cos(turn)[:, None]
@@ -75,7 +75,7 @@ class Cylinder:
         return place
 
     def is_beyond(self, points: Array, normal: Array) -> Mask:
-        """Tell which points (n, 3) before the flat receiver lie in or behind a hollow wall."""
+        """Return which points (n, 3) before the flat receiver lie in or behind a hollow wall."""
         right, _, before = self._parts(points, normal)
         beyond: Mask = np.hypot(right, before - self.radius) > self.radius
         return beyond & (self.radius > 0) & (before > 0)

@@ -46,7 +46,7 @@ class CentreLine:
 def check_centre_lines(mesh: Mesh) -> tuple[Check, Curves | None]:
     """Check `centre_line`: the mesh consists of closed tubes only. Return the lines found too, or None.
 
-    It is not required, since a part that is no tube may well be good. `measured` is the largest rms
+    It is not required, since a part that is not a tube may well be good. `measured` is the largest rms
     residual of the bodies, in radii. Tubes of different or varying thickness have no radius.
     """
     name = "centre_line"
@@ -215,10 +215,9 @@ def _mean_radii(far: Array, at: Ints, weight: Array, line: Array, wave: float) -
 
 
 def _smooth(values: Array, shortest: float, line: Array | None = None) -> Array:
-    """Smooth values (n, k) along an even closed line, by default its points; removes waves below
-    `shortest` mm.
+    """Remove waves below `shortest` mm from values (n, k) along an even closed line (default: its points).
 
-    Whittaker's smoothing with third differences, in closed form on a circle: a wave of length w keeps
+    By Whittaker's smoothing with third differences, in closed form on a circle, a wave of length w keeps
     1 / (1 + (`shortest` / w)^6) of its amplitude.
     """
     points = values if line is None else line
@@ -244,9 +243,7 @@ def _space_evenly(line: Array, place: Array) -> tuple[Array, Array]:
 
 
 def _frames(line: Array) -> tuple[Array, Array, Array, float]:
-    """Return unit tangents and two unit normals (n, 3) at the points of an even closed line, and its
-    step.
-    """
+    """Return unit tangents and two unit normals (n, 3) at an even closed line's points, and its step."""
     along = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
     length = np.linalg.norm(along, axis=1)
     tangent = along / np.maximum(length, 1e-300)[:, None]
@@ -256,8 +253,7 @@ def _frames(line: Array) -> tuple[Array, Array, Array, float]:
 
 
 def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
-    """Find the feet of points on the line: the index (k,) of the line's nearest point, two coordinates
-    across.
+    """Find the feet of points on the line: the line's nearest points (k,), and two coordinates across.
 
     Between its points the line is a parabola with the local curvature: chords would displace a bend
     as tight as the tube by half a hundredth of the radius, and turn it into waves. `place` (k,) is
@@ -283,8 +279,7 @@ def _project(line: Array, points: Array, place: Array) -> tuple[Ints, Array]:
 
 
 def _recentre(line: Array, points: Array, weight: Array, place: Array) -> Array:
-    """Move each point of the line to the centre of the circle through the surface around it, by least
-    squares.
+    """Move each point of the line to the centre of a circle, by least squares, through the surface around it.
 
     |p - c|² = r² is linear in c and r² - |c|² (Kåsa, "A circle fitting procedure", IEEE Trans.
     Instrum. Meas. 25, 1976). `place` is updated.

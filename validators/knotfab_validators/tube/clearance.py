@@ -39,9 +39,9 @@ class Gap:
     """The smallest distance between the surfaces of two strands, mm.
 
     `points` (2, 3) are the nearest points, `edges` the edges of the centre lines there (counted
-    over all knots). `distance` is negative where the strands
-    interpenetrate: by how much their centre lines are too near. `proud` is how far the corners of
-    the two facets stand out of the exact tube, together.
+    over all knots). If the strands interpenetrate, `distance` is negative: by how much their centre
+    lines are too near. `proud` is how far the corners of the two facets stand out of the exact tube,
+    together.
     """
 
     distance: float
@@ -310,8 +310,7 @@ def _spots(points: Array) -> str:
 
 
 def nearest_bodies(mesh: Mesh) -> tuple[float, Array] | str:
-    """Return the least distance between two connected surfaces, 0 if they cross, and the nearest points
-    (2, 3).
+    """Return the least distance of two connected surfaces, 0 if they cross, and the nearest points (2, 3).
 
     FCL's trees of boxes give exact triangle distances. Pairs are taken by the distance of their
     bounding boxes. If there is only one body, or more than 500, or the faces are such a heap that

@@ -1,6 +1,4 @@
-"""Find the shortest doubly critical chord of polygons, pruning pairs of arcs instead of testing all
-pairs.
-"""
+"""Find the shortest doubly critical chord of polygons, by pruning pairs of arcs."""
 
 from __future__ import annotations
 
@@ -63,9 +61,7 @@ class _Elements:
 
 @dataclass(frozen=True)
 class _Arcs:
-    """Arcs of consecutive edges, with a bounding ball, a cylinder around the axis and a cone of
-    directions.
-    """
+    """Arcs of consecutive edges, each with a bounding ball, a cylinder and a cone of directions."""
 
     centre: Array  # (m, 3)
     radius: Array  # (m,) of the ball
@@ -157,7 +153,7 @@ def _elements(polygons: Sequence[Array], closed: Sequence[bool]) -> _Elements:
 
 
 def _levels(elements: _Elements) -> list[_Arcs]:
-    """Yield arcs of 1, 2, 4, ... elements, finest first, until few are left."""
+    """Build arcs of 1, 2, 4, ... elements, finest first, until few are left."""
     counts = np.bincount(elements.knot)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     levels: list[_Arcs] = []
@@ -228,7 +224,7 @@ def _search(elements: _Elements, levels: list[_Arcs], limit: float) -> Chord | N
 
 
 def _too_many(level: int, pairs: int, arcs: int) -> bool:
-    """Tell whether so many pairs of arcs are left that pairing all their edges is better."""
+    """Return whether so many pairs of arcs are left that pairing all their edges is better."""
     return level == BLOCK_LEVEL and pairs > min(MANY_PAIRS * arcs, PAIRS_AT_ONCE // 2)
 
 
@@ -248,7 +244,7 @@ def _children(children: Ints, i: Ints, j: Ints) -> tuple[Ints, Ints]:
 
 
 def _possible(arcs: _Arcs, i: Ints, j: Ints, limit: float) -> Mask:
-    """Tell whether two arcs may have a critical chord of length up to `limit` between them."""
+    """Return whether two arcs may have a critical chord of length up to `limit` between them."""
     between = arcs.centre[j] - arcs.centre[i]
     distance = _norm(between)
     reach = arcs.radius[i] + arcs.radius[j]
@@ -269,8 +265,7 @@ def _possible(arcs: _Arcs, i: Ints, j: Ints, limit: float) -> Mask:
 
 
 def _distance_bound(arcs: _Arcs, i: Ints, j: Ints, between: Array) -> Array:
-    """Return a lower bound on the distance of two arcs from their cylinders (long edges fill little of
-    balls).
+    """Bound the distance of two arcs from below by their cylinders, since long edges fill little of a ball.
 
     Along a direction, the arcs' centres are apart by its product with `between`, and each arc
     reaches as far as its cylinder: `across`, if the direction is perpendicular to its axis.

@@ -106,7 +106,7 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
 
 
 def _find_lacking(curves: Curves, asked: Asked) -> str | None:
-    """Say what of a mount knots.json leaves out."""
+    """Say which parts of a mount knots.json leaves out."""
     if not curves.members:
         return "knots.json names no members of the mount"
     if asked.threads is not None and not curves.rods:
@@ -136,7 +136,7 @@ def _find_unfit(curves: Curves, solids: Sequence[Solid], asked: Asked) -> tuple[
 
 
 def _find_unfit_eyelet(rods: Sequence[Member], threads: Array) -> tuple[str, Array] | None:
-    """Say which of the threads (k, 3) has no eyelet, a ring of rods one after another, of its own."""
+    """Say which of the threads (k, 3) lacks its own eyelet, a ring of consecutive rods."""
     starts, ends = np.array([bar.start for bar in rods]), np.array([bar.end for bar in rods])
     after = np.linalg.norm(ends[:-1] - starts[1:], axis=1) > INTO_FOOT_MM
     rings = np.split(np.arange(len(rods)), 1 + np.flatnonzero(after))
@@ -290,7 +290,7 @@ def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
 
 
 def _in_member(points: Array, member: Member) -> Mask:
-    """Tell which points (n, 3) are in a member or its root."""
+    """Return which points (n, 3) are in a member or its root."""
     _, length = _unit(member)
     along, radial = _measure(points, member)
     wide, high = ROOT
@@ -345,7 +345,7 @@ ALONG = 1.05  # largest length of the strand between the ends of a face's side, 
 
 
 def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
-    """Tell which vertices (n,) are the tube's: all but those of matter that leads away from it.
+    """Return which vertices (n,) are the tube's: all but those of matter that leads away from it.
 
     A vertex within `OFF` radii of the centre lines lies on the tube. Those farther out are the mount's
     where some vertex that is joined to them by edges, without touching the tube, is farther than
@@ -380,11 +380,11 @@ def strand_faces(
     proud: float = PROUD,
     beside: float = BESIDE_MATTER,
 ) -> Mask:
-    """Tell which faces (m,) are the tube's surface: close to it, and to a single strand.
+    """Return which faces (m,) are the tube's surface: close to it, and to a single strand.
 
     Args:
         vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
-        proud: radii from the centre line that a face may reach. beside: and along it.
+        proud: how far from the centre line a face may reach, in radii. beside: how far along it.
     """
     from scipy.spatial import cKDTree
 

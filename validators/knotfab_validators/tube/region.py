@@ -33,11 +33,11 @@ MOST_EXACT = 5_000_000  # points times faces for which exact winding numbers are
 
 
 def measure_excess(points: Array, region: Region, radius_mm: float = 0.0) -> Array:
-    """Measure how far balls of `radius_mm` around `points` (n, 3) stick out of a box, cylinder or sphere,
-    (n,).
+    """Measure how far balls around points (n, 3) stick out of a box, cylinder or sphere, mm (n,).
 
-    In mm, negative inside, along the region's own axes. For a box the largest excess over its faces; for a
-    cylinder (axis y) the larger one of those over its mantle and its ends. The region's size must be known.
+    The result is negative inside, and measured along the region's own axes: for a box the largest excess over
+    its faces, for a cylinder (axis y) the larger of those over its mantle and its ends. The region's size
+    must be known.
     """
     if region.size_mm is None or region.kind == "mesh":
         raise ValueError("the region's size is left open, or it is a mesh")

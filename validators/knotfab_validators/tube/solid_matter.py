@@ -205,7 +205,7 @@ def check_plate(mesh: Mesh, plate: Slab, reach: Array) -> Check:
 
 
 def inside_plate(points: Array, plate: Slab) -> Mask:
-    """Tell which points (n, 3) lie in the plate or on its surface."""
+    """Return which points (n, 3) lie in the plate or on its surface."""
     turn = _axes(plate.out)
     local = points @ turn.T
     height = local[:, 2] - float(plate.outline[0] @ plate.out)

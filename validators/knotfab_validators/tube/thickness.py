@@ -299,7 +299,7 @@ def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
 
 
 def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
-    """Tell which pairs of one knot descend to a single place."""
+    """Return which pairs of one knot descend to a single place."""
     count = np.int64(len(samples.point))
     start, where = np.unique(i * count + j, return_inverse=True)
     now = start.copy()

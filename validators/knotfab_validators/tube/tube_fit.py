@@ -46,21 +46,20 @@ class TubeFit:
 def tube_fit(
     mesh: Mesh, curves: Curves, *, mounted: bool = False, bed: float | None = None
 ) -> TubeFit:
-    """Measure the distances between a part's surface and the exact tube, both ways; the radius must be
-    known.
+    """Measure the distances between a part's surface and the exact tube of known radius, both ways.
 
     The exact tube is all that lies one radius from the centre lines. Where the edges of a centre line
     meet at an angle it is round outside; the two edges' cylinders, extended until they meet (a mitre),
     will do as well, and so will the flat disc across an open end instead of the half ball about it.
 
-    Of a `mounted` part, whose pegs and struts grow out of the tube, points of the exact tube that lie in
-    matter are bare by nothing; but only where of `STRETCH` rings in a row at least the share `SHARE` of all
-    points is on the surface. So a mesh that is the tube of another radius is told from one with a mount.
-    Points of the mesh outside the tube may be the mount's, and are off by nothing. Those inside are off as
-    ever: where a mount joins a tube their union has no faces, so a face in there is a slit or a cavity.
+    On a `mounted` part, pegs and struts grow out of the tube, so points of the exact tube that lie in matter
+    do not count as bare, provided that in `STRETCH` consecutive rings at least the share `SHARE` of all
+    points is on the surface. This tells a tube of another radius from one with a mount. Points of the mesh
+    outside the tube may be the mount's, and do not count as off. Those inside do: where a mount joins a tube,
+    their union has no faces, so a face in there is a slit or a cavity.
 
-    Where the tube is cut level at z = `bed`, so that it stands flat, what is below is no tube, and a
-    point at that height is off by what it lies outside of the tube alone.
+    If the tube is cut level at z = `bed`, so that it stands flat, nothing below is tube, and a point at that
+    height is off only by how far it lies outside the tube.
 
     From the mesh: every vertex is measured, and faces that could dip deeper than `LIMIT` between
     their corners are cut into four and measured again (see `_may_dip`). To the mesh: `ANGLES` points
@@ -145,10 +144,9 @@ def check_cut(mesh: Mesh, curves: Curves) -> Check:
 
 
 def measure_proud(mesh: Mesh, curves: Curves, places: Array) -> Array:
-    """Measure how far corners of the mesh near places (k, 3) stand out of the exact tube at most, (k,)
-    mm.
+    """Measure how far corners of the mesh near places (k, 3) stand out of the exact tube at most, mm (k,).
 
-    Counted are corners within a diameter of each place, and nearer to a centre line than `PROUD` radii.
+    Corners count within a diameter of each place and `PROUD` radii of a centre line.
     """
     from scipy.spatial import cKDTree
 
@@ -192,8 +190,7 @@ class _Line:
         self.past_start = np.where(joined[self.before], self.past_end[self.before], 0.0)
 
     def distance(self, points: Array) -> tuple[Array, Array, Ints]:
-        """Return the distance (n,) of points (n, 3), capped at `REACH` radii, a mitred distance, and the
-        edge.
+        """Return distances (n,) of points (n, 3), capped at `REACH` radii, mitred ones, and the edges.
 
         The mitred distance is that from the straight line through the edge for points that may
         belong to a mitre, and the distance itself for all others.
@@ -289,7 +286,7 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool, bed: float | None) -> tup
 
 
 def _may_dip(corner: Array, low: Array, at: Ints, line: _Line, deep: float) -> Mask:
-    """Tell which faces (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
+    """Return which faces (m, 3, 3) may come nearer to the curve than radius (1 - `deep`).
 
     The distance d from a straight line is convex; its curvature is at most 1/d across the line and
     0 along it. A triangle with sides at most h long across the line lies in a circle of radius h /
@@ -334,7 +331,7 @@ def _on_tube(line: _Line) -> tuple[Array, Ints, Ints]:
 
 
 def _lacks_surface(on: Mask, ring: Ints, curve: Ints) -> Mask:
-    """Tell which rings (rings,) are in a stretch of their curve with too few points on the surface.
+    """Return which rings (rings,) are in a stretch of their curve with too few points on the surface.
 
     Args:
         on: (k,) of each point. ring: (k,) its ring. curve: (rings,) of each ring, in order.
