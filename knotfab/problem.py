@@ -71,7 +71,7 @@ class TargetView:
 class Problem:
     """The pictures of one view or several, and the limits of the knots that draw them. Lengths in mm.
 
-    With `goals`, the IoU that each view is to reach, a view that falls short of its own counts for more.
+    With `goals`, the IoU that each view should reach, a view that falls short of its goal counts for more.
     """
 
     views: tuple[TargetView, ...]
@@ -126,7 +126,7 @@ class Start(InNotebook):
     """Start curves [(n, 3) mm] of known knot type, and why it is known.
 
     `far`: they are nowhere near the pictures yet. `facing`: the view in which they are simple; None: a
-    direction between two views. `ious`: with each of several pictures, on a coarse image.
+    direction between two views. `ious`: the IoU with each of several pictures, on a coarse image.
     """
 
     curves: tuple[Array, ...]

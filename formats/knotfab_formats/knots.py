@@ -51,7 +51,7 @@ class Slab(BaseModel):
 
 
 class Bar(BaseModel):
-    """A break-away bar, which holds two strands apart while they print; a box of its own, level; mm."""
+    """A break-away bar, a separate level box that holds two strands apart while they print; mm."""
 
     model_config = _FINITE
 
@@ -241,7 +241,7 @@ class Factor:
 
 @dataclass(frozen=True)
 class KnotName:
-    """A knot that was asked for; `promise` is its type as in knots.json. The unknot has no factors."""
+    """A requested knot; `promise` is its type as in knots.json. The unknot has no factors."""
 
     promise: str
     factors: tuple[Factor, ...]

@@ -84,7 +84,7 @@ class SetupSteps:
 
 @dataclass(frozen=True, kw_only=True)
 class TurnFigures:
-    """One way to lay the piece on the bed, by estimates; `up` is the scene's direction that looks up then."""
+    """One way to lay the piece on the bed, by estimates; `up` is the scene's direction that points up."""
 
     height_mm: float
     support_cm3_estimate: float | None = None
@@ -97,7 +97,7 @@ class TurnFigures:
 
 @dataclass(frozen=True)
 class Kept:
-    """A length before and after a piece was built anew, and the one that is proposed."""
+    """A length before and after a piece was built again, and the one that is proposed."""
 
     first: float
     kept: float
@@ -144,7 +144,7 @@ class PlatesFigures:
 
 @dataclass(frozen=True)
 class Flatter:
-    """The cost of printing a piece, and its depth as a share of that of the one that was made."""
+    """The cost of printing a flatter piece, whose depth is a share of the built one's."""
 
     depth_share: float
     hours: float
@@ -227,7 +227,7 @@ class CouponFigures:
 
 @dataclass(frozen=True)
 class Turning:
-    """The angle by which a piece is turned for each view, and how far its picture is aside then."""
+    """The angle by which a piece is turned for each view, and how far its picture then lies off."""
 
     angles_deg: Mapping[str, float]
     aside_mm: Mapping[str, float]
@@ -282,7 +282,7 @@ class Print:
 class SlicerWarning:
     """One warning: what it says; what it means for this part; whether that settles it.
 
-    `explanation` is empty where nobody knows it. A warning that is not settled fails the part.
+    `explanation` is empty if there is none. A warning that is not settled fails the part.
     """
 
     text: str

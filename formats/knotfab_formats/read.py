@@ -51,7 +51,7 @@ def parse_toml(text: str, what: str) -> dict[str, Any]:
     """Parse a TOML text; a leading byte order mark is ignored.
 
     Raises:
-        InputError: it is not TOML; with the number of the line.
+        InputError: it is not TOML; the error gives the number of the line.
     """
     # tomllib's time grows with the square of a dotted key's length, quoted or not
     longest = max(part.count(".") for part in re.split(r"[,\n]", text))

@@ -26,7 +26,7 @@ from knotfab_formats.verdict import Check, Colours, Recognition, View
 
 @dataclass(frozen=True, kw_only=True)
 class EffectLine:
-    """One effect of light or world: the judgement of it, and the stages that ran it."""
+    """One effect of light or world: how it was judged, and the stages that ran it."""
 
     name: str
     simulated: bool

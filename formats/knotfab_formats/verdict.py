@@ -115,8 +115,8 @@ class Penumbra:
 
     `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is
     hidden; `brightness_error` is how much the wall differs in brightness from the picture, of 1 from lit
-    to dark, summed within the padded frame and spread over the picture's; `hard_error` is the same of the
-    shadow that the lamp's middle alone throws.
+    to dark, summed within the padded frame and spread over the picture's; `hard_error` is the same for the
+    shadow that a point lamp in the middle would throw.
     """
 
     widest_px: float

@@ -247,7 +247,7 @@ class Switches(Table):
 
 
 class Room(Table):
-    """The light beside the lamp's own: none by default."""
+    """Light other than the lamp's own: none by default."""
 
     ambient: Ratio = 0.0
     """Other light, over the lamp's own in the middle of the picture on the wall."""

@@ -21,7 +21,7 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
 
     Floating point follows IEEE in the order written, and a division by zero gives what numpy
     gives. The machine code is kept beside the source, else in NUMBA_CACHE_DIR or the user's cache.
-    Where none of these can be written, or the disk is full, each process compiles anew.
+    If none of these can be written, or the disk is full, each process compiles again.
     """
     try:
         loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
@@ -42,7 +42,7 @@ def _has_room(loop: Any) -> bool:
 
 
 def count_loops() -> tuple[int, int, str]:
-    """Count the loops that ran and those compiled anew; return the cache's folder too, or ""."""
+    """Count the loops that ran and those compiled here; return the cache's folder, too, or ""."""
     ran = [loop for loop in _LOOPS if loop.signatures]
     missed = sum(sum(loop.stats.cache_misses.values()) > 0 for loop in ran)
     kept = {str(loop.stats.cache_path) for loop in ran if loop.stats.cache_path}

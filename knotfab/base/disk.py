@@ -91,12 +91,12 @@ def read_file(
     """Read a file after checking that it is a regular file of acceptable size.
 
     Args:
-        what: how an error names it. noun: what it is.
-        most: bytes that it may have.
-        missing, too_large: the remedies for no file and for a larger one.
+        what, noun: its name and its kind in errors.
+        most: limit on its size, bytes.
+        missing, too_large: the remedies for a missing and for a larger file.
 
     Raises:
-        InputError: there is none, it may not be read, it is no regular file, or too large.
+        InputError: there is none, it may not be read, or it is not a regular file, or too large.
     """
     require_within(path, what)
     try:

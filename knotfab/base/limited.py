@@ -1,4 +1,4 @@
-"""Read untrusted files in a copy of this process with limited time and memory, which may crash alone.
+"""Read untrusted files in a copy of this process that has limited time and memory, and may crash.
 
 A copy takes a few milliseconds, and loads nothing again. Only Linux makes one; elsewhere the work is
 done here.
@@ -99,7 +99,7 @@ def end_copies() -> None:
 
 
 def _receive(ours: int, until: float) -> tuple[bytes, bool]:
-    """Read all that a copy sends, b"" if it stops halfway or is late; return whether it was late, too."""
+    """Read all that a copy sends; return that (b"" if it stops halfway or is late) and whether it is late."""
     parts: list[bytes] = []
     while (left := until - time.monotonic()) > 0:
         if select.select([ours], [], [], left)[0]:

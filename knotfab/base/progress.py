@@ -180,7 +180,7 @@ class Progress:
 
     @contextmanager
     def line(self, name: str) -> Iterator[None]:
-        """Show a progress line of its own for one of several parallel tasks; callable from any thread."""
+        """Show a separate progress line for one of several parallel tasks; callable from any thread."""
         bar = self._bar
         line = None if bar is None else bar.add_task(name, total=None, iou="")
         try:
@@ -382,7 +382,7 @@ class _Lines(logging.Handler):
 
 
 def process_age() -> float:
-    """Return the seconds since this process started; 0 where the system does not tell."""
+    """Return the seconds since this process started; 0 where the system does not say."""
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
         started = int(fields[19]) / os.sysconf("SC_CLK_TCK")

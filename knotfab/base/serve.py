@@ -62,7 +62,7 @@ def main(module: str, *words: str) -> None:
 
 
 def _listen(requests: SimpleQueue[bytes], busy: threading.Event) -> None:
-    """Queue each request; once no more can come, end an answer that nobody waits for."""
+    """Queue each request; once no more can come, end the process if it still works on an answer."""
     with open(0, "rb", closefd=False) as lines:
         for line in lines:
             requests.put(line)

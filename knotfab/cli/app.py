@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
 
     Args:
         arguments: by default those of the process.
-        began: `time.perf_counter()` from which its times count; by default the start of the process.
+        began: `time.perf_counter()` at which its times begin; by default the start of the process.
     """
     asked: list[int] = []
 

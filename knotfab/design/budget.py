@@ -1,4 +1,4 @@
-"""Keep a time budget: refuse one that is too short, tell what is left, and cut the settings to fit."""
+"""Keep a time budget: refuse one that is too short, compute what is left, and cut the settings to fit."""
 
 from __future__ import annotations
 

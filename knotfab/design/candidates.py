@@ -175,7 +175,7 @@ _HOURS_AROUND = 0.007  # of the room between the strands, which supports fill in
 class Guess:
     """A guess of the part's mass and of the printing time, None for other processes.
 
-    The time is that with supports, unless the strands stand `alone`. `without` names what the guess leaves
+    The time includes supports, unless the strands stand `alone`. `without` names what the guess leaves
     out because it is planned with the knots: a stand or an eyelet.
     """
 

@@ -235,7 +235,7 @@ def price_design(
 
     Args:
         question: with the views that the search ended with.
-        start: start of the short searches without a limit; None: made anew.
+        start: start of the short searches without a limit; None: made here.
         unmet: the first result, if it broke a limit.
         budget: once it is spent, no price is computed.
     """
@@ -349,7 +349,7 @@ def choose_tube(
 
 
 def _tell_scene(progress: Progress, question: Question, radius: float | None) -> None:
-    """Send listeners the views, silhouettes and radius, with which they draw the knots."""
+    """Send listeners the views, silhouettes and radius with which they draw the knots."""
     masks = [view.mask for view in question.problem.views]
     progress.set_scene(question.views, lambda: [silhouette_uri(mask) for mask in masks], radius)
 

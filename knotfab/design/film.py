@@ -57,7 +57,7 @@ class SequenceFrame:
 
 @dataclass(frozen=True)
 class _Common:
-    """The scene (but for the view's name), settings and radius that all frames take from the first one."""
+    """The scene (except for the view's name), settings and radius that all frames take from the first."""
 
     scene: SettledScene
     settings: SearchSettings
@@ -127,8 +127,8 @@ class Chain:
     loop also within that across the seam.
 
     Args:
-        scene: of one view, as for `design_knots`. A free view is settled on the first frame, for lamp and
-            wall stay in place.
+        scene: of one view, as for `design_knots`. A free view is settled on the first frame, since
+            lamp and wall stay in place.
         budget: limits the iterations, as measured on the first frame.
         kept: frames from an interrupted build of the same sequence.
 

@@ -64,7 +64,7 @@ def _change(one: Polygon, other: Polygon) -> float:
 def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> float:
     """Return the Hausdorff distance of two silhouettes' outlines, holes included, mm.
 
-    If each of several `knots` draws a piece of its own, it is the largest distance of paired pieces. Sampling
+    If each of several `knots` draws its own piece, it is the largest distance of paired pieces. Sampling
     every 0.1 mm makes the result at most 0.05 mm too short, and never too long.
     """
     pairs = pair_pieces(old, new, knots)
@@ -237,7 +237,7 @@ def register(old: MultiPolygon, new: MultiPolygon, margin: float) -> Displacemen
 def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float]:
     """Return the stretch and offset (mm) that lay `old` over `new`, and the IoU then.
 
-    Tried are a shift of the centroid, and a stretch of the bounding box; neither is taken unless IoU grows.
+    It tries a shift of the centroid and a stretch of the bounding box, and takes neither unless IoU grows.
     """
     sizes = [np.subtract(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
     middles = [0.5 * np.add(p.bounds[2:], p.bounds[:2]) for p in (old, new)]

@@ -44,7 +44,7 @@ _MEETING = (
 def spread_views(scene: ResolvedScene, pictures: Sequence[str]) -> ResolvedScene:
     """Make a view for each picture, named after it, at azimuths 180 / count degrees apart.
 
-    They share half a turn, for from behind a silhouette is only mirrored.
+    They share half a turn, since from behind a silhouette is only mirrored.
     """
     first, names = scene.views[0], name_views(pictures)
     turn = 180.0 / len(names)

@@ -3,8 +3,8 @@
 Two lamps d apart, at distance H from the wall, cast shadows of a point at distance h that are k·d apart, with
 k = h / (H - h). If the screen ends at the picture's frame, a piece whose other shadows miss the screen draws
 one mask alone. The lamps stand just far enough apart for that: in a row, a column, or several rows. The least
-k is taken for which they keep their bounds and the pieces fit the printer, for a lamp misplaced by 1 mm moves
-its picture by k mm.
+k is taken for which they keep their bounds and the pieces fit the printer, since a lamp misplaced by 1 mm
+moves its picture by k mm.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def _find_apart(
 ) -> tuple[float, float, Array] | None:
     """Find distances of wall and lamps, and offsets (n, 2) of the lamps, mm, that keep all pieces apart.
 
-    Returned are the first that fit the printer, or else the first within the bounds, or None.
+    Return the first that fit the printer, or else the first within the bounds, or None.
     """
     views = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
     boxes = np.array([_box(t.mask, v) for t, v in zip(targets, views, strict=True)])

@@ -54,7 +54,7 @@ class Likeness:
 def estimate_likeness(mask: Mask, radius_px: float, unions: int = 7) -> Likeness | None:
     """Estimate how well a tube of this radius could draw a picture.
 
-    Returned is None if most of the picture is wider than two tubes, which any filling draws.
+    Return None if most of the picture is wider than two tubes, which any filling draws.
 
     Args:
         mask: (H, W), not empty. radius_px: radius of the tube's shadow. unions: number of drawings to try.
@@ -77,7 +77,7 @@ def compare_lines(asked: Mask, widened: Mask, radius_px: float) -> Likeness:
     """Compare a line drawing's pieces and holes before and after its strokes are widened.
 
     The widened strokes are what the part is judged by, so only topology counts here. The full resolution is
-    used, for sampling would break strokes of a pixel or two. If most holes are tiny, as those of a screen
+    used, since sampling would break strokes of a pixel or two. If most holes are tiny, like those of a screen
     are, they count as well.
     """
     _, holes = holes_of(asked)

@@ -126,7 +126,7 @@ def try_readings(
     As ink they take what stands out, what is dark, what is light, what the border's colours do not reach, or
     one of the commonest colours; from a photograph also what can be cut out of its middle. Each is cleaned by
     the degree that leaves the most compact drawing: not at all, without specks, smoothed, or the largest
-    piece alone. Of readings that look alike only the best is kept.
+    piece alone. Only the best of readings that look alike is kept.
 
     Args:
         source, base, font: as for `read_target`. scene: its one view says how the picture is read so far; its

@@ -1,6 +1,6 @@
 """Search again where a result falls short: without a limit, sparser, without bumps, or with more legs.
 
-The searches without a limit price it: they tell how much IoU it costs.
+The searches without a limit price it: they show how much IoU it costs.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def price_limits(
     device: str = "cpu",
     iou: float | None = None,
 ) -> tuple[Price, ...]:
-    """Price each binding limit in IoU of the worst view, dearest first; if none costs alone, all together.
+    """Price each binding limit in IoU of the worst view, dearest first, or all if none costs by itself.
 
     Args:
         start: the start of the short searches. iou: of the part that keeps the limits, if `result` does not.
@@ -365,7 +365,7 @@ def _halve_arch(height: Array, at: int, radius: float) -> Array | None:
 
 
 def _add_arch(height: Array, valley: int, peak: int, share: float, radius: float) -> Array | None:
-    """Put an arch of a share of a leg's height before it, in a ring of heights (n,); None if it is low.
+    """Insert an arch of a share of a leg's height before it in a ring of heights (n,); None if it is low.
 
     All three flanks become equally steep. The leg is that between the ring's valley and peak nearest to the
     given places.

@@ -190,9 +190,9 @@ def without_arches(scene: ResolvedScene) -> ResolvedScene:
 
 
 def fix_view(scene: ResolvedScene, found: ResolvedView, radius_mm: float) -> ResolvedScene:
-    """Enter the view that a search has found, which is free no more.
+    """Enter the view that a search has found, and mark it as no longer free.
 
-    In a plate the wall stays where the piece ends.
+    For a piece that stands in a plate on the wall, the wall's distance stays as it is.
     """
     keys = {"light_distance_mm": found.light_distance_mm}
     if not scene.mount.on_feet:

@@ -307,7 +307,7 @@ def find_refusal(
 ) -> SceneError | None:
     """Return the error with which a build refuses pictures at once, None if a search may succeed.
 
-    Refused is a picture that no tube shows recognisably, unless the scene accepts that, and one of strokes
+    It refuses a picture that no tube shows recognisably, unless the scene accepts that, and one of strokes
     much thinner than the tube. A tube draws such strokes too thick, at an IoU of the ratio of the widths.
     """
     if (unlike := find_unlike(views, scene)) is not None:

@@ -24,7 +24,7 @@ _GAPS_MM = (10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 160.0, 240.0)  # tried, as a pe
 
 
 def magnitude(context: EffectContext) -> float:
-    """Return the largest share of a shadow's width that the piece can stand before, seen from 30° aside."""
+    """Return the largest share of a shadow's width that the piece can hide from viewers 30° to the side."""
     return max(
         (
             _bound(seen, context.radius)

@@ -31,7 +31,7 @@ _WEIGHT_PX = 16.0  # px of blur above the threshold, from which on it has its fu
 
 
 def magnitude(context: EffectContext) -> float:
-    """Return the widest blur of any strand's edge on a wall, px; of several views the largest."""
+    """Return the widest blur of any strand's edge on a wall, in any view, px."""
     return max(
         float(blurs_mm(seen, context.radius).max(initial=0.0)) / seen.view.pixel_mm
         for seen in context.shadows
@@ -52,7 +52,7 @@ def blurs_mm(shadows: Shadows, radius: float) -> Array:
     lies within its ball. A rectangle, or an array of LEDs, is the hull of its corners: the longest line in
     its image leads from one of these to another, and at both ends the longer part of a ball's ellipse,
     1 + tan(t) tan(a) of its half, is added. Each is largest in the direction of its slope, which is steepest
-    where it is large: of all points but the largest few the bound is that of the middle alone. What that
+    where it is large: for all points but the largest few, only the middle's bound is computed. What that
     leaves out is of second order in radius / (H - h), and added. A round wall is taken for the plane that
     touches it where a point's shadow falls.
     """

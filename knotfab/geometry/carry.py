@@ -98,8 +98,8 @@ def certify_same_type(
     """Certify that closed polygons are isotopic by the motion that matches their parameters.
 
     Both are cut at all parameters of either, which changes neither, and each point goes straight to
-    the one of the same parameter, in as many certified steps as it takes: `reached` is then 1. (One step
-    alone says nothing of a corner that a smooth curve rounds: there the ends of an edge go as far as the
+    the one of the same parameter, in as many certified steps as it takes: `reached` is then 1. (A single
+    step says nothing about a corner that a smooth curve rounds: there the ends of an edge go as far as the
     edge is long, however short it is.)
     """
     start, end = [], []
@@ -116,7 +116,7 @@ def certify_same_type(
 
 
 def _reach(points: Array, rings: Polylines, step: Array) -> float:
-    """Return how near pairs must be, mm, to be listed for certifying `step` and a few steps like it."""
+    """Return the reach of a list of pairs, mm, that suffices to certify `step` and a few steps like it."""
     edge = points[rings.next] - points
     after = edge + step[rings.next] - step
     longest = np.sqrt(max(float(dot(edge, edge).max()), float(dot(after, after).max())))

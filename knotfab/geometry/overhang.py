@@ -219,7 +219,7 @@ def _strips(
 ) -> tuple[Indices, Array, Array, Array]:
     """Cut rods into strips; return each one's grid cell, lowest and highest point, and area of underside.
 
-    Two more strips at the tube's sides need no support, but that of others may stand on them.
+    Two more strips at the tube's sides need no support, but the support of others may stand on them.
     """
     n, inner = len(flat), len(STRIPS)
     count = (inner + 2) * n

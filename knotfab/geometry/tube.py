@@ -46,7 +46,7 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
         points than sides may get several rings a segment.
 
     Raises:
-        ValueError: wrong shapes or numbers that are no lengths.
+        ValueError: wrong shapes, or numbers that cannot be lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
     """
     rings, offset = place_rings(points, radius_mm, sides)

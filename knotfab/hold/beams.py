@@ -227,7 +227,7 @@ class HeldFrame:
         self._moves: dict[int, Array] = {}  # the flexibility of each joint that was asked for
 
     def hold(self, members: Candidates, springs: Array, loads: Array) -> None:
-        """Hold the frame by these members alone: springs (m, 12, 12) and loads (m, 12)."""
+        """Hold the frame by only these members: springs (m, 12, 12) and loads (m, 12)."""
         ends = np.column_stack([members.first, members.second]).ravel()
         self._forget(ends)
         self._rows, self._by, own = self._moved_by(ends)
@@ -268,7 +268,7 @@ class HeldFrame:
     def _moved_by(self, ends: Indices) -> tuple[Indices, Array, Indices]:
         """Find the ends' free unknowns (e,), and what a unit load on each of them moves.
 
-        Returned last: which of all the ends' unknowns they are, (e,).
+        The last value says which of all the ends' unknowns they are, (e,).
         """
         real = ends != GROUND
         new = np.array([j for j in np.unique(ends[real]) if j not in self._moves], dtype=np.int64)

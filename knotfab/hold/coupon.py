@@ -75,7 +75,7 @@ def plan_coupon(mounted: Mounted, suffix: str = "") -> Coupon | None:
     member. The strip is as thick as the plate or the stand's base. The peg is the mount's thinnest.
 
     Args:
-        suffix: that of the piece's files; a frame, with one such as "-01", has no coupon.
+        suffix: that of the piece's files; frames, which have one such as "-01", get no coupon.
     """
     asked = mounted.scene.mount
     if asked.on_feet:

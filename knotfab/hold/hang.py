@@ -91,7 +91,7 @@ def plan_hang(
     least first, and one where no two hold it.
 
     Args:
-        cameras, targets: each view's camera, and its picture's silhouette (H, W) over all the frame.
+        cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole frame.
         least_radius_mm: of a member that the printer can make.
         ends: whether screens end at their frames, beside which no shadow is seen.
 

@@ -28,7 +28,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Footing:
-    """A stand's base as one view meets it: its bounds in the view's level axes, mm.
+    """A stand's base as seen in one view: its bounds in the view's level axes, mm.
 
     `bottom` is the desk. `turned_deg` is how far the view is turned from the first, anticlockwise seen
     from above; `wall_side` and `lamp_side` name the sides of the base next to the wall and to the lamp.
@@ -99,7 +99,7 @@ class Placement:
 
 
 def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
-    """Measure where a piece's lamp stands, by the scene alone; `view` may have a round wall."""
+    """Derive from the scene where a piece's lamp stands; `view` may have a round wall."""
     wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
     width, height = camera.frame_mm
     plate: tuple[float, float] | None = None

@@ -108,7 +108,7 @@ def plan_members(
 
 @dataclass(frozen=True)
 class _Change:
-    """A candidate to add, or a member to thicken: its number, and how it is then."""
+    """A candidate to add, or a member to thicken: its number, and the member that results."""
 
     number: int
     added: bool

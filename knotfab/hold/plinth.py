@@ -103,7 +103,7 @@ def _slope_of(camera: Camera) -> Slope:
 
 @dataclass(frozen=True)
 class Masses:
-    """Solids by volume and centre of mass: mm³ (n,) and (n, 3) in the scene."""
+    """Volumes, mm³ (n,), and centres of mass, (n, 3) in the scene, of solids."""
 
     volume: Array
     center: Array

@@ -51,7 +51,7 @@ class MountShadows:
         )
 
     def twin(self) -> MountShadows:
-        """Copy the shadows, so that members can be added to the copy alone."""
+        """Copy the shadows, so that members can be added to the copy only."""
         found = copy(self)
         found.views = tuple(copy(view) for view in self.views)
         return found
@@ -67,7 +67,7 @@ class MountShadows:
             view.add(some)
 
     def darken(self, some: Candidates) -> Array:
-        """Return the share of each frame that members alone darken, (views,)."""
+        """Return the share of each frame that only members darken, (views,)."""
         return np.array([view.darken(some) for view in self.views])
 
     def hidden(self, some: Candidates) -> Mask:
@@ -132,7 +132,7 @@ class MountShadow:
         self.dark = self.dark | self._cast(some)
 
     def darken(self, some: Candidates) -> float:
-        """Return the share of the frame that members alone darken outside picture and knots."""
+        """Return the share of the frame that only members darken, outside picture and knots."""
         more = self._cast(some) & ~self.before
         return float(more[1:-1, 1:-1].sum()) / self.pixels
 

@@ -225,7 +225,7 @@ def sag_on_pegs(
     stiffness: Stiffness,
     foot: Literal["plate", "dowel"] = "plate",
 ) -> float:
-    """Measure how far knots would sag on the thickest pegs alone, mm, as `choose_pegs` does.
+    """Measure how far knots would sag on only the thickest pegs, mm, as `choose_pegs` does.
 
     On a plate, knots from which no ray to the wall is free do not count: they may hang on others.
 

@@ -41,7 +41,7 @@ def outside(
 def _outside_region(points: Array, region: SettledRegion, radius: float) -> tuple[Array, Array]:
     """Do what `outside` does, without walls and in the precision of the points.
 
-    Of a box the largest excess over its faces counts, of a cylinder (its own axis y) that over
+    For a box the largest excess over its faces counts, for a cylinder (its own axis y) that over
     mantle and ends.
     """
     if region.kind == "mesh":

@@ -48,7 +48,7 @@ class Part(InNotebook):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The bodies' names, those of the bars last."""
+        """The bodies' names; those of the bars come last."""
         names = tuple(self.mounted.names)
         bars = len(self.bodies) - len(names)
         return names + tuple(f"bar {number}" for number in range(1, bars + 1))

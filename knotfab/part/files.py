@@ -62,7 +62,7 @@ def write_coloured_3mf(
     """Write `bodies` as objects with names and colours, for printers with several filaments.
 
     They are the components of one more object, the only item of the build: by the standard that
-    makes them one thing, and a slicer that asks whether to load them as one must be told yes.
+    makes them one thing. If a slicer asks whether to load them as one, the answer is yes.
 
     Args:
         names, colors: one for each body; colours as "#rrggbb" in sRGB.

@@ -182,8 +182,8 @@ def make_check(
 def compare_info(said: str, bodies: Sequence[Mesh]) -> tuple[int, SlicerCheck]:
     """Check that `--info` lists one object, of the bodies' size, place and volume.
 
-    Several objects would each drop onto the bed. And only here does PrusaSlicer say by itself that
-    a mesh has holes.
+    Several objects would each drop onto the bed. Besides, only here does PrusaSlicer report that a
+    mesh has holes.
     """
     objects = re.split(r"^\[.*\]$", said, flags=re.MULTILINE)[1:]
     found = [dict(re.findall(r"^(\w+) = +(\S+)", text, re.MULTILINE)) for text in objects]

@@ -129,7 +129,7 @@ def choose_pose(
 def fits_upright(
     outline: Array, height_mm: float, build_volume_mm: tuple[float, float, float]
 ) -> bool:
-    """Return whether a prism of this outline (n, 2), mm, and height fits a printer standing up."""
+    """Return whether a prism with this outline (n, 2), mm, and height fits the printer upright."""
     ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (0.0, height_mm)]
     room = np.asarray(build_volume_mm, dtype=np.float64)
     return _find_turn(np.concatenate(ends), room, (np.eye(3),))[0] is not None
@@ -242,7 +242,7 @@ def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Ar
 def _compact_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
     """List the rotations that turn each side up with the least footprint, with sizes, the least box first.
 
-    Both ways round are listed, for the bed may be longer in one direction.
+    Both ways round are listed, since the bed may be longer in one direction.
     """
     found = []
     for side in sides:
@@ -294,7 +294,7 @@ def _explain_too_large(
     frame: tuple[float, float] | None,
     mounted: bool = False,
 ) -> SceneError:
-    """Build the error that names a smaller frame that would fit; of each size only `fixed` (3,) stays."""
+    """Build the error that names a smaller frame that would fit; `fixed` (3,) of a size does not shrink."""
     scales = [
         float(((room - fixed) / np.maximum(size - fixed, 1e-9))[size > room + FITS_MM].min())
         for size in sizes

@@ -140,7 +140,7 @@ def slice_part(
 
 
 class _Job:
-    """One slicing in a folder of its own, with the files in it."""
+    """One slicing in its own folder, with the files there."""
 
     def __init__(
         self,

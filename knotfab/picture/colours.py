@@ -82,7 +82,7 @@ def enclosed_parts(colours: Colours, inside: Mask) -> tuple[Mask, Clusters | Non
     """Return the parts of another colour that the largest cluster of colours encloses.
 
     A part counts where it is 3 px thick somewhere, and where the two colours meet sharply: a shade that
-    fades into another is no part.
+    fades into another does not count.
 
     Args:
         colours: (H, W, 3). inside: (H, W), the pixels that are opaque, at least one.

@@ -1,4 +1,4 @@
-"""Fonts for text pictures: bundled, asked for by name or file, or installed on this machine."""
+"""Fonts for text pictures: bundled, given by name or file, or installed on this machine."""
 
 from __future__ import annotations
 

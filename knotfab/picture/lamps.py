@@ -70,7 +70,7 @@ class Separation:
     """Masks (n, H, W), True where a lamp is hidden, and `seen` (H, W, 3), sRGB from 0 to 1, what that shows.
 
     `shares` are the parts of the picture that mixtures take, by the lamps that are hidden there; `error` is
-    the mean distance from the picture in OKLab, and `lines` tell what is lost.
+    the mean distance from the picture in OKLab, and `lines` say what is lost.
     """
 
     masks: Mask
@@ -273,7 +273,7 @@ def _nearest_colour(lab: Array, palette: Array, kept: Labels) -> Labels:
 def _distance(lab: Array, mixture: Array) -> Array:
     """Return the squared dissimilarity of colours (H, W, 3) to a mixture (3,), both OKLab, (H, W).
 
-    Hue counts in full, lightness and chroma less, for lamps mix only strong colours. But a colour of
+    Hue counts in full, lightness and chroma less, since lamps mix only strong colours. But a colour of
     little chroma must get none: a grey must not turn blue because it is as dark.
     """
     chroma, strong = np.hypot(lab[..., 1], lab[..., 2]), float(np.hypot(*mixture[1:]))

@@ -1,7 +1,7 @@
 """What a tube can draw of a silhouette: its opening by a disc, its losses, and strokes made wider.
 
 Small pieces and holes that a person would miss are judged one by one. An eye, or a letter of a name, is a
-hundredth of the area, and is what people look at first; the IoU of the whole picture hardly tells.
+hundredth of the area, and is what people look at first; the IoU of the whole picture hardly shows it.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def _read_heif() -> bool:
 
 
 def _unreadable(data: bytes, what: str) -> InputError:
-    """Return the error for an unreadable picture, with its kind if the first bytes tell."""
+    """Return the error for an unreadable picture, with its kind if the first bytes show it."""
     for beginning, name, remedy in _OTHERS:
         if re.match(beginning, data, re.S):
             return InputError(what, f"it is {name}, which cannot be read", remedy)

@@ -69,7 +69,7 @@ class Target(InNotebook):
 
     Once `flattened_s` is set, the seconds that it took, the masks are those that a flat wall has in
     place of a round one; `drawing` is then what is drawn on the round one. `bending` says how `mask`
-    and `widened` were bent or mirrored. `notes` tell what was left out or guessed; `ink`, `threshold` and the
+    and `widened` were bent or mirrored. `notes` say what was left out or guessed; `ink`, `threshold` and the
     size of specks, `speck_px`, are those used. After a glance `shrunk` px of the picture make one
     of the masks, across.
 

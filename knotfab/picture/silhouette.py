@@ -282,7 +282,7 @@ def holes_of(mask: Mask) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
 
 
 def keep_largest(mask: Mask, count: int) -> Mask:
-    """Keep the `count` largest pieces; of equal ones the first, row by row."""
+    """Keep the `count` largest pieces; among equal ones, the first row by row."""
     labels, areas = pieces_of(mask)
     kept = np.zeros(len(areas) + 1, dtype=bool)
     kept[1 + np.argsort(-areas, kind="stable")[:count]] = True

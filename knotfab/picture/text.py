@@ -34,7 +34,7 @@ _UNDRAWN = ("Cc", "Cf", "Zs")
 class Outline:
     """Glyphs of one line of text as SVG path data (thousandths of an em, y down, nonzero winding).
 
-    `bounds` are those of the ink's control points: (left, top, right, bottom). `fonts` are the files
+    `bounds` holds the ink's control points: (left, top, right, bottom). `fonts` are the files
     that were drawn from, in the order of their first characters. `letters` says where each character
     with ink begins and ends.
     """

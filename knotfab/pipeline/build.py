@@ -105,7 +105,7 @@ _FREE = 10.0  # factor for a search that finds the pose as well
 
 
 def _usual_seconds(request: Request) -> dict[str, float]:
-    """Estimate the seconds of each stage, from which progress tells the time left."""
+    """Estimate the seconds of each stage, from which progress estimates the time left."""
     scene = request.scene
     longer, views = _LONGER[scene.accuracy.name], len(scene.views)
     usual = {name: seconds * longer**0.5 * views for name, seconds in _USUAL_S.items()}

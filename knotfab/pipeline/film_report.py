@@ -73,7 +73,7 @@ def check_closing(motion: Motion) -> Check:
 
 @dataclass(frozen=True)
 class Ring:
-    """The zoetrope as written, or why there is none, and the verdict on its file to come."""
+    """The zoetrope as written, or why there is none, and the pending verdict on its file."""
 
     spun: Zoetrope | None
     why: str

@@ -82,7 +82,7 @@ def report_piece(
     """Wait for the verdict and the slicer, write bending plan and drawings, and make the report.
 
     Raises:
-        SceneError: a required check failed, and the request has another way.
+        SceneError: a required check failed, and the request has another scene to build.
     """
     made, part = piece.made, piece.part
     if part is None:

@@ -1,4 +1,4 @@
-"""Finish a piece: write, verify and report it, on the holder that is asked for or that serves best."""
+"""Finish a piece: write, verify and report it, on the requested holder or on the one that serves best."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
 
 @dataclass(frozen=True)
 class Workshop:
-    """What finishing a piece takes: its pictures, its folder, and who verifies and slices it."""
+    """What is needed to finish a piece: its pictures, its folder, verifier and slicer."""
 
     targets: Sequence[Target]
     folder: OutputFolder
@@ -141,7 +141,7 @@ class Workshop:
         return done
 
     def _plan(self, request: Request, made: Design) -> Settled | str:
-        """Plan the piece on the mount that is asked for, or say why it does not hold."""
+        """Plan the piece on the requested mount, or say why that does not hold."""
         try:
             settled = settle(request, made, self.targets, self.progress)
         except SceneError as error:
@@ -255,7 +255,7 @@ def can_hold(scene: ResolvedScene) -> list[Kind]:
 
 
 def guess_holders(made: Design, targets: Sequence[Target]) -> list[Guess]:
-    """Guess what each holder that the scene allows would add, those of least hours and grams first."""
+    """Guess what each holder that the scene allows would add; those of least hours and grams come first."""
     scene, knots = made.scene, made.knots
     kinds = can_hold(scene)
     if not kinds:

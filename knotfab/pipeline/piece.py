@@ -50,7 +50,7 @@ class WrittenPiece:
     """One piece as written. `part` is None if none could be made of its knots.
 
     `scene` has the pose. `suffix` is in the names of its files, such as "-01" for a frame of a sequence.
-    `answer` waits for the validators' verdict, and `slicings` hold the slicer's results to come, by file.
+    `answer` waits for the validators' verdict, and `slicings` hold the slicer's pending results, by file.
     """
 
     made: Design

@@ -124,7 +124,7 @@ def prepare_build(
 
 
 def _promised_radius(found: Survey, scene: ResolvedScene) -> float | None:
-    """Return the radius that a build takes unless it has to build again; None where a search finds it."""
+    """Return the radius that a build takes unless it must build again; None if a search decides it."""
     one = len(found.views) == 1 and not found.frames and not scene.settings.free_view
     return found.radius_mm if found.chosen and one and found.refusal is None else None
 

@@ -96,7 +96,7 @@ def plain_arrays(part: Path | None, reader: Workers | None = None) -> Iterator[P
 def validate_files(
     files: Files, skip: Collection[str] = (), unit: str = "mm", keep: bool = False
 ) -> Verdict:
-    """Measure written files, any program's, with other code than wrote them.
+    """Measure files of any program, by code that shares nothing with what wrote them.
 
     Args:
         skip: the checks to leave out.

@@ -145,7 +145,7 @@ class Verifier:
 
 @dataclass(frozen=True)
 class Answer:
-    """The verdict to come on one piece."""
+    """The pending verdict on one piece."""
 
     verdict: Future[dict[str, Any]]
 

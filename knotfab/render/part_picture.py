@@ -46,7 +46,7 @@ def draw_part(
         vertices: (n, 3) mm in scene coordinates, so that y is up.
         faces: (m, 3).
         path: the PNG to write, `panel_px` high.
-        eyes: (k, 3) mm, from where it is seen; of lights, for example, by `place_eyes`.
+        eyes: (k, 3) mm, where it is seen from, such as the lights from `place_eyes`.
         color: the material's, as #rrggbb; the usual one is drawn as `TUBE`.
     """
     from PIL import Image
@@ -145,8 +145,8 @@ def _shade(found: NDArray[np.bool_], normal: Array, paint: Array) -> NDArray[np.
 def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
     """Return unit normals at the corners of faces (m, 3), (3 m, 3).
 
-    A vertex's normal averages its faces by area, leaving out those beyond a crease. Such a face has
-    corner normals of its own: a plate stays flat up to the rim of a hole.
+    A vertex's normal averages its faces by area, leaving out those beyond a crease. Those have
+    separate corner normals: a plate stays flat up to the rim of a hole.
     """
     face = face_normals(points[faces])
     own = np.repeat(unit(face), 3, axis=0)

@@ -106,11 +106,11 @@ def frame_of(
     """Return the frame, of arrays, of a camera with square pixels.
 
     Args:
-        stretched: where pixels are not quite square, the axis that points down is stretched until they are.
-            Points keep their pixels then; a tube is as much wider across that axis as pixels are.
+        stretched: whether to stretch the axis that points down until pixels that are not quite square are so.
+            Points then keep their pixels; a tube is distorted as the pixels were.
 
     Raises:
-        ValueError: when the camera's pixels are not square (to a part in a million), unless `stretched`.
+        ValueError: the camera's pixels are not square (to a part in a million), and not `stretched`.
     """
     pitch, pitch_v = np.linalg.norm(camera.du), np.linalg.norm(camera.dv)
     square = abs(pitch / pitch_v - 1) <= 1e-6
@@ -314,7 +314,7 @@ class Capsules:
         """Render segments (n, 3) to (n, 3) of the scene.
 
         Raises:
-            IndexError: the winners are those of other segments, or of another frame.
+            IndexError: the winners belong to other segments, or to another frame.
         """
         cut = _place(starts, ends, frame, radius)
         if won is None:

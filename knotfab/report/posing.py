@@ -36,7 +36,7 @@ def report_posing(
 
     Args:
         suffix: of the plates' files, such as "-01" of a sequence's frame.
-        printing: whether it is printed: then also what supports cost and whether they can be taken out.
+        printing: whether it is printed; if so, the cost of supports is added, and whether they come out.
         access: what `find_access` says of the part.
     """
     pose = _pose_figures(part, flattening)
@@ -269,7 +269,7 @@ def _sample(corners: Array) -> tuple[Array, Array, Array]:
     """Sample triangles (m, 3, 3): points (k, 3), unit normals (k, 3), and the area of each, mm².
 
     The points lie in rows along each triangle's longest edge, rows and points at most `SPACING_MM`
-    apart: a sliver is sampled along its length alone.
+    apart: a sliver is sampled only along its length.
     """
     across = face_normals(corners)
     double = np.linalg.norm(across, axis=1)

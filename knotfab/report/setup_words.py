@@ -191,7 +191,7 @@ def level_wall(place: Placement, height: float) -> float:
 
 
 def lamp_facts(view: View) -> list[str]:
-    """Say which lamp is needed, and what its size does."""
+    """Say which lamp is needed, and what effect its size has."""
     if view.kind != "shadow":
         return ["Look with one eye, from the point that is drawn."]
     facts = ["One lamp alone, all others off, bare: no shade, no reflector."]

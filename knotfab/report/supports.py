@@ -1,4 +1,4 @@
-"""The report on how a piece is held while it prints, and what the other way would take."""
+"""The report on how a piece is held while it prints, and what the alternative would cost."""
 
 from __future__ import annotations
 

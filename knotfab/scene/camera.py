@@ -216,7 +216,7 @@ class CurvedWall:
         """Invert `flatten`: map places of the flat wall to this one; NaN where a ray passes a column.
 
         A ray to (x, y) is at x (1 - u) across and H u before the flat wall, and on the circle where
-        (x² + H²) u² - 2 (x² + R H) u + x² = 0; of both roots the one near u = 0, from their product, for a
+        (x² + H²) u² - 2 (x² + R H) u + x² = 0; of both roots the one near u = 0, from their product, since a
         wall may be so nearly flat that they cancel.
         """
         high, radius = self.light[2], self.radius

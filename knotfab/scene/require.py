@@ -154,7 +154,7 @@ def require_start(scene: ResolvedScene) -> None:
     """Refuse a start from which the search cannot go on.
 
     Raises:
-        InputError: it is not a file of knots in the scene, or lacks the knot that is asked for.
+        InputError: it is not a file of knots in the scene, or lacks the requested knot.
     """
     name = scene.settings.start
     if not isinstance(name, str) or not name:

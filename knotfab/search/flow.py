@@ -101,7 +101,7 @@ def find_felt(
     """Find all pairs of segments that the clearance term may feel before a vertex has moved 0.3 radii.
 
     Args:
-        separation: least distance of centre lines that is asked for, mm.
+        separation: the required least distance of centre lines, mm.
         reach: least distance to search, in tube radii.
     """
     edge = points[rings.next] - points

@@ -1,13 +1,13 @@
 """Search for unknowns of the views along with the knots.
 
-Of one view that is its rotation, light and wall distances, and the tube's radius, which the paper leaves as
-future work (section 7). The certified flow moves the vertices, and Adam the view's numbers, by the same
-objective; bounds keep the light in front of the piece and the wall behind it.
+For one view they are its rotation, light and wall distances, and the tube's radius, which the paper
+leaves as future work (section 7). The certified flow moves the vertices, and Adam the view's numbers, by
+the same objective; bounds keep the light in front of the piece and the wall behind it.
 
-Of several views it is their azimuths and elevations. Neural Shadow Art (Wang and Deng 2024) turns lights and
-screens along with its volume by back-propagation. A view that turns sees the same as if the knots turned the
-other way. So the derivative of its image term by an angle is a torque of the gradient by the vertices, which
-the flow computes anyway.
+For several views they are the azimuths and elevations. Neural Shadow Art (Wang and Deng 2024) turns
+lights and screens along with its volume by back-propagation. A view that turns sees the same as if the
+knots turned the other way. So the derivative of its image term by an angle is a torque of the gradient by
+the vertices, which the flow computes anyway.
 """
 
 from __future__ import annotations
@@ -242,7 +242,7 @@ class FreePose:
     def settle(self, problem: Problem, points: Array) -> tuple[Problem, Array, ViewNumbers]:
         """Enter the pose in the problem's view, its lengths rounded as in a scene file.
 
-        The points (N, 3) are turned into the view's axes, for a scene with one view looks along z.
+        The points (N, 3) are turned into the view's axes, since a scene with one view looks along z.
         """
         n = self.numbers()
         numbers = ViewNumbers(
@@ -281,7 +281,7 @@ class FreeDirections:
         self._apart = NEAREST * least_apart([v.view for v in views])
 
     def keep(self, points: Array) -> None:
-        """Do nothing, for the bounds on directions do not depend on the points."""
+        """Do nothing, since the bounds on directions do not depend on the points."""
 
     def show(self, objective: Objective, problem: Problem) -> None:
         """Show the objective the images of the views from the present directions."""

@@ -67,7 +67,7 @@ class CertifiedFlow(_Light):
     Args:
         points: the vertices [N, 3], mm, float64, on the CPU, with gradient.
         settings: the step size falls from `rate` to `rate_end` over `iterations` steps.
-        separation: least distance of centre lines that the loss asks for, mm.
+        separation: least distance of centre lines that the loss requires, mm.
     """
 
     def __init__(

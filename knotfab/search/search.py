@@ -259,7 +259,7 @@ def mend_stretches(state: SearchState, phase: Phase, rounds: int) -> int:
     """Move only the stretches that violate a limit, with the weights of `phase`; return the rounds taken.
 
     Each round frees the stretches that violate a limit then. Excess length has no stretch, so it remains.
-    Edges that a round has stretched are halved, for their mitres would stand out.
+    Edges that a round has stretched are halved, since their mitres would stand out.
     """
     edge_mm = _STRETCHED * state.settings.settle_edge_radii * state.radius
     for done in range(rounds):

@@ -31,7 +31,7 @@ _CHANGED = 0.5  # share of its arches that a variation changes
 class Span:
     """A stretch of a curve from foot to foot: a chain (k, 3) of peaks, mm, and slopes of both flanks.
 
-    Of the chain it takes as many arches as fit, scaled to its length. Variations leave a `held` one as it is.
+    It takes as many arches of the chain as fit, scaled to its length. Variations leave a `held` span alone.
     """
 
     length_mm: float
@@ -231,7 +231,7 @@ def _are_apart(spans: list[tuple[float, Span]], length: float) -> bool:
 
 
 def fold_of(curve: Array, radius_mm: float) -> float | None:
-    """Find where a closed curve (n, 2) turns back, as a share of its length; None if it is no narrow loop."""
+    """Find where a narrow closed curve (n, 2) turns back, as a share of its length; None if it is wide."""
     arc, (x, y) = arc_lengths(curve), curve.T
     area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
     if 4.0 * area >= _NARROW_RADII * radius_mm * arc[-1]:

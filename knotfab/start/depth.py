@@ -95,7 +95,7 @@ def _turns() -> Array:
 
 @dataclass(frozen=True)
 class _Braced:
-    """Arches, the places (k, 3) where a leg lacks a bar, and what both cost, against legibility."""
+    """Arches, the places (k, 3) where a leg lacks a bar, and the cost of these and of legibility."""
 
     arches: Arches
     lacking: Array
@@ -263,7 +263,7 @@ class _Judge:
         )  # so that a rebuild from the number is the same
 
     def legibility(self, parts: list[Array], at_most: float = inf) -> float:
-        """Estimate how legible the picture is from 45 and 30 degrees aside, plus a cost of strands too close.
+        """Estimate how legible the picture is from 45 and 30° to the side, plus a cost of strands too close.
 
         Once the sum exceeds `at_most` the rest is left out. At smaller angles a picture is rarely less
         legible, so a few sides at 45 degrees rule most profiles out.
@@ -357,7 +357,7 @@ def choose_depth(
         sharpening: the cost of a wide lamp, None if it need not be considered.
         lanes: [(n,) mm] offsets of strands that hide each other. Profiles are judged with them, but the
             depths returned leave them out.
-        steadying: the cost of careless placing, None likewise; with it the choice names the best extent.
+        steadying: the cost of careless placing, or None; with it the choice names the best extent.
         least_mm: lower bound on that extent.
         separation: distance to which strands that hide each other are parted, mm; None: they are not.
         modulus_mpa: Young's modulus. If it is given, strands stand in arches on a floor at the extent's

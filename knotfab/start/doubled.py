@@ -50,7 +50,7 @@ class Doubled:
 
     What lies x mm along it hides the place `other_mm[0] + other_mm[1] * x` of the other curve. `ends` are
     where strands are free to cross, mm along it, or where the stroke's tip is and one strand goes on as the
-    other. There the first foot is `tips` mm further from the tip than it need be; None where there is no tip.
+    other. There the first foot is `tips` mm further from the tip than necessary; None where there is no tip.
     """
 
     curves: tuple[int, int]
@@ -62,8 +62,8 @@ class Doubled:
     def nest(self, rng: np.random.Generator, top_mm: float, radius_mm: float) -> list[Nested]:
         """Find the arches of both strands.
 
-        Feet of the upper strand are outside those of the lower one. Which is the upper one is drawn, and
-        changes where a further foot is needed.
+        Feet of the upper strand are outside those of the lower one. Which strand is the upper one is random,
+        and changes wherever a further foot is needed.
         """
         low, high = np.tan(np.radians(_FLANKS_DEG)).tolist()
         top_mm = min(top_mm, _HIGHEST * radius_mm)

@@ -151,7 +151,7 @@ class _Loop:
 def _closest(one: _Loop, other: _Loop, radius: float) -> tuple[float, int, int]:
     """Find the best bridge: among nearly shortest ones, where both curves are straightest.
 
-    Returned are the shortest distance, and the bridge's vertex on each curve.
+    Return the shortest distance, and the bridge's vertex on each curve.
     """
     near, index = other.tree.query(one.points)
     shortest = float(near.min())
@@ -253,7 +253,7 @@ def fill(
 ) -> Template:
     """Build the filling template of a silhouette.
 
-    A piece that no tube draws, such as a thin frame, gets no curve, for a loop at its centroid would lie
+    A piece that no tube draws, such as a thin frame, gets no curve, since a loop at its centroid would lie
     outside it. If no piece gets one, each gets its loop, so that callers can measure how little that draws.
 
     Args:

@@ -26,7 +26,7 @@ from knotfab.start.lattice import Lattice
 class Growth:
     """Settings of growth. Prices are in units of the worth of an edge that draws its length in one view.
 
-    `edge` and `corner` are prices; `least` is the worth from which an edge is reached for; `heat` is the
+    `edge` and `corner` are prices; `least` is the least worth of an edge to reach for; `heat` is the
     initial temperature. Each of `rounds` reaches out and then tries `moves` moves per node.
     """
 
@@ -105,7 +105,7 @@ def _plan(
 ) -> int:
     """Plan the move over the square on the `u` side of the edge after node a; fill `old`, `new` and `path`.
 
-    `old` and `new` are edges, `path` the nodes that the curve would run through. Returned is the number of
+    `old` and `new` are edges, `path` the nodes that the curve would run through. Return the number of
     these nodes; 0 if the square is not empty.
     """
     strides, opened, _, _, _ = drawing

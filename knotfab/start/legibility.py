@@ -55,7 +55,7 @@ class Onlooker:
     """Someone who sees a piece from the side and knows foreign signs as well as its picture.
 
     `pictures` (n, side, side) are covers of cells, its own picture last. `gains` (n,) are what each gains, on
-    average, by being fitted to what is no picture of it.
+    average, by being fitted to something that it does not show.
     """
 
     pictures: Array

@@ -152,7 +152,7 @@ def start_at_circles(
 
 
 def _circles(curves: Sequence[Array], radius: float, separation: float) -> list[Array]:
-    """Return a circle for each planar curve [(n, 2) mm], each in a plane of its own, [(m, 3) mm].
+    """Return a circle for each planar curve [(n, 2) mm], each in its own plane, [(m, 3) mm].
 
     Convex polygons in parallel planes are an unlink of unknots (paper, sec. 3.2; its template
     (cos s, sin s, 0) needs s from 0 to 2 pi instead of 1).

@@ -99,7 +99,7 @@ def _part_plane(lines: list[LineString], radius: float) -> _Plane:
 def _fill_faces(plane: _Plane, wide: list[bool]) -> list[bool]:
     """Choose the faces to fill, so that the total length of lines between filled and empty ones is large.
 
-    Wide lines count negative, for the curve should run along them twice. The ascent flips one face or two
+    Wide lines count negative, since the curve should run along them twice. The ascent flips one face or two
     neighbours at a time; the unbounded face stays empty.
     """
     count = len(plane.faces) + 1

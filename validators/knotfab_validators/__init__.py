@@ -1,4 +1,4 @@
-"""Independent checks, which read the written files from disk and measure them anew.
+"""Independent checks, which read the written files from disk and measure them again.
 
     from knotfab_validators import validate
     verdict = validate("part.stl", "knots.json", "scene.toml")
@@ -32,7 +32,7 @@ def __getattr__(name: str) -> Any:
 
 
 class _Package(ModuleType):
-    """A package whose name `validate` stays the function when that module is imported."""
+    """A package whose `validate` remains the function when the module of that name is imported."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name == "validate" and isinstance(value, ModuleType):

@@ -30,7 +30,7 @@ def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
 
     Floating point follows IEEE in the order written; division by zero gives what it gives in numpy. The
     machine code is cached beside the source, in NUMBA_CACHE_DIR or in the user's cache. Where none of these
-    can be written, or the disk is full, every process compiles anew.
+    can be written, or the disk is full, every process compiles again.
     """
     try:
         loop = numba.njit(cache=True, nogil=True, error_model="numpy")(function)

@@ -37,7 +37,7 @@ def at_least(
 ) -> Check:
     """Make a check that passes if `measured` >= `limit` - `tolerance`, or if there is no limit. NaN fails.
 
-    `tolerance` is for the rounding of what was written, in `unit`; it is no part of the limit.
+    `tolerance` is for the rounding of what was written, in `unit`; it is not part of the limit.
     """
     holds = measured == measured and (limit is None or measured >= limit - tolerance)
     return _judge(name, holds, required, measured, limit, unit, detail, at)
@@ -94,7 +94,7 @@ def spot(point: Sequence[float] | Array) -> str:
 def rescale(check: Check, share: float) -> Check:
     """Scale the places of a check, and those in its sentence, by `share`.
 
-    A sentence whose places are the scene's stays as it is.
+    A sentence that gives places in the scene stays as it is.
     """
 
     def place(found: re.Match[str]) -> str:
@@ -107,7 +107,7 @@ def rescale(check: Check, share: float) -> Check:
 def worst_apart(values: Array, points: Array, apart: float, above: float) -> Ints:
     """Return the indices of the worst values above a limit, worst first; NaN is worst of all.
 
-    The largest value is always among them. Of `points` (n, 3) nearer than `apart` to each other only the
+    The largest value is always among them. Among `points` (n, 3) nearer than `apart` to each other, only the
     worst is named.
     """
     order = np.argsort(-np.where(np.isnan(values), np.inf, values), kind="stable")

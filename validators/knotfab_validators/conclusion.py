@@ -175,9 +175,9 @@ def draw_failures(
 ) -> bool:
     """Draw the part with the places of the failed checks, each with its number and sentence.
 
-    Points of the surface (or of the centre lines, where there is no mesh) are drawn by a depth
-    buffer of our own, seen along the axes of the file: this needs no graphics library, and no mesh
-    is too broken for it.
+    Points of the surface (or of the centre lines, where there is no mesh) are drawn by a simple depth
+    buffer, seen along the axes of the file: this needs no graphics library, and no mesh is too broken
+    for it.
 
     Args:
         path: the PNG to write. checks: all of them; those that failed are drawn, required ones first.

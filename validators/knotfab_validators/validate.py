@@ -1,4 +1,4 @@
-"""Validate written files: part, knots and scene are read from disk and measured anew."""
+"""Validate written files: part, knots and scene are read from disk and measured again."""
 
 from __future__ import annotations
 

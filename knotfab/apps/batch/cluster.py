@@ -120,7 +120,7 @@ def _end_idle(builders: Workers) -> None:
 
 
 def _build_on_worker(parcel: bytes, name: str, topic: str) -> tuple[Record, bytes]:
-    """Build a parcel on this worker, until nobody waits for the result any more."""
+    """Build a parcel on this worker, and stop if nobody waits for the result any more."""
     from distributed import get_worker
 
     worker = get_worker()

@@ -176,7 +176,7 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
 def _keep_other_builds(
     folder: Path, tasks: Sequence[Task], spare: Callable[[Path, str], None]
 ) -> None:
-    """Refuse to replace builds of other pictures, whether from a batch or alone.
+    """Refuse to replace builds of other pictures, whether from a batch or a single build.
 
     Raises:
         InputError: there is such a build.

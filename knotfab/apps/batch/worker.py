@@ -113,7 +113,7 @@ def record_of(
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return inode and time of a file, by which a new one is told from an old one."""
+    """Return a file's inode and time, which tell a new one from an old one."""
     try:
         held = path.stat()
     except OSError:

@@ -226,7 +226,7 @@ def _format_corners(at: Array) -> tuple[str, ...]:
 
 
 def advise(found: Comparison) -> str:
-    """Return the advice which way to move the lamp, or that the photograph shows another shadow."""
+    """Say which way to move the lamp, or that the photograph shows another shadow."""
     lamp = found.lamp
     if found.instead:
         orders = " or ".join(f"--corners {' '.join(order)}" for order in found.instead)

@@ -162,7 +162,7 @@ def serve(allow: Sequence[Path] = ()) -> None:
             the first.
 
     Raises:
-        InputError: one of them is no folder.
+        InputError: one of them is not a folder.
     """
     folders = [at_home(folder).absolute() for folder in allow] or [Path.cwd()]
     for folder in folders:
@@ -210,7 +210,7 @@ async def _end_when_asked() -> None:
 
 
 async def _end_jobs() -> None:
-    """Ask all jobs to end, and give them time to; what a job leaves then is mended as after any kill."""
+    """Ask all jobs to end, and give them time to do so; the next build cleans up what a job still leaves."""
     for stop in list(_running):
         stop.set()
     end_copies()

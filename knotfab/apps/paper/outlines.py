@@ -1,7 +1,7 @@
 """Render a view by the distance to outlines in the image plane, of capsules or of ellipses.
 
 The paper's renderers (section 3.3), with the interface of `DeviceImage`, for comparison with the ray
-distance. They run in torch alone, in double precision, which conics need.
+distance. They run only in torch, in double precision, which conics need.
 """
 
 from __future__ import annotations

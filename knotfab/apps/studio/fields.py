@@ -248,7 +248,7 @@ class Settings:
             self._mark(changed, self.values.get(changed), plain(str(error)))
 
     def options(self, text: bool, sequence: bool) -> BuildOptions:
-        """Return the options of a build; the font only for a `text`."""
+        """Return the options of a build, which include the font only for a `text`."""
         given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
         strokes = {key: given.pop(key) for key in ("keep", "drop") if key in given}
         if "subject" in given:  # without it discs correct nothing

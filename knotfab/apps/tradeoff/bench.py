@@ -1,4 +1,4 @@
-"""Schedule the runs of a trade-off: each is measured once, kept in a journal, and started only in time."""
+"""Schedule the runs of a trade-off: each is measured once, if time is left, and kept in a journal."""
 
 from __future__ import annotations
 

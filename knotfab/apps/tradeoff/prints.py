@@ -121,7 +121,7 @@ def _build(picture: str, folder: Path, options: Options) -> dict[str, Any]:
 
 
 def _list_shares(reports: Sequence[dict[str, Any]]) -> list[tuple[str, Options]]:
-    """List the ways with another depth and radius than those of the first picture's build."""
+    """List the ways with depths and radii other than those of the first picture's build."""
     first = reports[0]
     radius, made = first["settings"]["tube_radius_mm"], first["print"]
     ways: list[tuple[str, Options]] = []

@@ -40,7 +40,7 @@ class Letter(NamedTuple):
 
 
 def colour_letters(drawing: Element) -> tuple[Element, list[str]]:
-    """Return a copy of a drawing that shows its text alone, in a colour for each name, and the names.
+    """Return a copy of a drawing that shows only its text, in a colour for each name, and the names.
 
     A text whose letters hang together or whose width is given keeps one colour, since its letters cannot be
     drawn separately.
@@ -94,7 +94,7 @@ def find_boxes(png: bytes, names: list[str], enlarged: float) -> tuple[Letter, .
 
 
 def _hide(element: Element) -> None:
-    """Hide all but texts, and leave alone what only shapes others."""
+    """Hide everything but text, except elements that only shape others."""
     name = local_name(element)
     if name in _OTHERS:
         return
@@ -116,7 +116,7 @@ def _split(element: Element, names: list[str]) -> None:
 
 
 def _append(spans: list[Element], names: list[str], said: str | None) -> str:
-    """Append a span for each sign; a sign without a glyph follows the span before it or is returned."""
+    """Append a span for each drawn sign; undrawn ones follow it, and those before the first are returned."""
     before, ours = "", len(spans)
     for sign in said or "":
         if unicodedata.category(sign) not in UNDRAWN:

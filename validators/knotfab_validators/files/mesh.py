@@ -207,8 +207,8 @@ def corners_stl(content: bytes, name: str, notes: list[str] | None = None) -> Co
     """Return (m, 3, 3) corners as stored: single precision when binary.
 
     The length decides before the first word, since some binary files begin with `solid` too. Up to
-    `MOST_BEHIND` bytes behind a binary file's last triangle are no triangles, and are passed over with a
-    note, unless they are as long as some: then the header's count is wrong.
+    `MOST_BEHIND` bytes behind a binary file's last triangle are ignored with a note, unless they
+    would make up triangles: then the header's count is wrong.
 
     Raises:
         BadFile: it is not an STL, or is cut off.

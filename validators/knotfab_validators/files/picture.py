@@ -264,7 +264,7 @@ def _without_small(mask: Mask, least: int, joined: Mask, frame_counts: bool = Fa
 
 
 def _keep_largest(mask: Mask, count: int) -> Mask:
-    """Keep the `count` largest components; of equals those that come first, row by row."""
+    """Keep the `count` largest components; among equals, those that come first row by row."""
     parts, found = ndimage.label(mask, EIGHT)
     sizes = np.bincount(parts.ravel(), minlength=found + 1)[1:]
     by_size = sorted(range(1, found + 1), key=lambda part: (-sizes[part - 1], part))

@@ -34,7 +34,7 @@ class Scene(AskedScene):
 
     @property
     def surface(self) -> Mesh | None:
-        """The region's closed mesh, mm, before it is moved by `center_mm`; None if the region is no mesh."""
+        """The region's closed mesh, mm, before it is moved by `center_mm`; None for other regions."""
         return self._surface
 
     @property

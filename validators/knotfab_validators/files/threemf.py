@@ -1,4 +1,4 @@
-"""Read the triangles of a 3MF file, a zip archive whose models alone are unpacked, in memory."""
+"""Read the triangles of a 3MF file, a zip archive of which only the models are unpacked, in memory."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def corners_3mf(
     is made. The faces of what a transform mirrors, which the standard forbids, are turned back.
 
     Raises:
-        BadFile: the archive is damaged, unpacks to far more than a mesh would, or is no 3MF; the
+        BadFile: the archive is damaged, unpacks to far more than a mesh would, or is not a 3MF; the
             message says what is wrong.
     """
     try:

@@ -78,7 +78,7 @@ class Curves:
 
     `polygons` are (n, 3) float64 mm; a `closed` one joins its last point to its first, which is not
     repeated. `types` are the knot types that the file promises, such as "unknot" or "3_1" ("open"
-    for an open curve); `radius_mm` is None where the file gives none. Of the mount, `members` lead
+    for an open curve); `radius_mm` is None where the file gives none. The mount's `members` lead
     from strands, `rods` are its other round bars, `hulls` the names and corners (n, 3) of its
     convex solids, and `plate` the one in which the piece stands. `bars` are broken away after
     printing; `cut_mm` is how much of the lowest foot is cut off. `stated`: the file itself gives each

@@ -175,7 +175,7 @@ def nearest_of_two(first: Array, second: Array) -> tuple[Array, Array, Array]:
 
 @compiled
 def find_flat(vertices: Array, faces: Ints, least: float) -> Mask:
-    """Mark faces (m, 3) with less than `least` of their longest edge squared as twice their area."""
+    """Mark faces (m, 3) whose doubled area is less than `least` times their longest edge squared."""
     flat = np.empty(len(faces), dtype=np.bool_)
     for k in range(len(faces)):
         a, b, c = (

@@ -97,7 +97,7 @@ def floer_homology(diagram: PlanarDiagram, alexander: Laurent) -> Floer | None:
 
 
 class Disagreement(Exception):
-    """Two ways of computing one number disagree: neither is to be believed."""
+    """Two ways of computing one number disagree, so neither can be trusted."""
 
 
 @dataclass(frozen=True)

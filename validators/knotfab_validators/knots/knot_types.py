@@ -41,7 +41,7 @@ class KnotFinding:
     """The finding on polygon `number` alone, and whether it is what was promised.
 
     `verdict` "proved" or "consistent" refers to the promise or, without one, to the knot that was found.
-    "unknown" means that it cannot be told, or that the promise is not understood.
+    "unknown" means that this cannot be decided, or that the promise is not understood.
     """
 
     number: int
@@ -60,7 +60,7 @@ class KnotTypes:
     """The findings on all closed polygons, and how these are linked.
 
     `touching` is a place where polygons meet, or are too near to tell: then they have no type.
-    `tangled` says that there was too much to look at.
+    `tangled` says that they were too tangled to examine.
     """
 
     knots: tuple[KnotFinding, ...]
@@ -73,7 +73,7 @@ def knot_types(curves: Curves) -> KnotTypes:
     """Determine the knot type of each closed polygon of `curves`, and their linking.
 
     Polygons without a crossing, seen along one of the axes, are unlinked unknots. Otherwise all are
-    reduced together, and what is left is looked at one by one and as a link.
+    reduced together, and what is left is examined one by one and as a link.
     """
     numbers = [k for k, closed in enumerate(curves.closed) if closed]
     polygons = [curves.polygons[k] for k in numbers]

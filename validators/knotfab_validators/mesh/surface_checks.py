@@ -313,7 +313,7 @@ def opinions(mesh: Mesh) -> Opinions:
 
     libigl (AABB tree, Shewchuk's exact predicates) reports faces that merely touch: a corner, an edge or a
     plane in common that the index does not share is enough. pymeshlab (Möller's test in floating point)
-    reports faces that each lie on both sides of the other. So faces that touch are found by libigl alone.
+    reports faces that each lie on both sides of the other. So only libigl finds faces that touch.
     Neither reports faces with the same three corners: another check finds these duplicates.
     """
     boxes = overlapping_boxes(mesh)
@@ -332,7 +332,7 @@ def opinions(mesh: Mesh) -> Opinions:
 
 
 def _ask_again(mesh: Mesh, seen: Ints) -> Ints:
-    """Keep the faces that still cross for pymeshlab when they alone are tested again, rotated.
+    """Keep the faces that still cross for pymeshlab when only they are tested again, rotated.
 
     In planes oblique to the axes, rounding makes it report long thin neighbours. A real crossing
     remains in any orientation.

@@ -20,9 +20,9 @@ OPPOSITE = -0.5  # cosine: 60 degrees to either side of straight across
 class Stretches:
     """The connected places that one layer prints over air, one entry for each.
 
-    `length` (n,) mm: of a bridge (`bridged`) the way from side to side past the point that is
-    farthest from what holds it; of a ledge, held on one side, how far it reaches out; NaN of an
-    island, which nothing holds. `place` (n, 3) is that point, of an island the lowest one, and
+    `length` (n,) mm: for a bridge (`bridged`) the way from side to side past the point that is
+    farthest from what holds it; for a ledge, held on one side, how far it reaches out; NaN for an
+    island, which nothing holds. `place` (n, 3) is that point, for an island the lowest one, and
     `face` (n,) the mesh's face there. `cell_place` (k, 3) and `cell_of` (k,): the lower ends of all
     columns over air, and which stretch they belong to.
     """

@@ -75,7 +75,7 @@ class Probe:
 
     From a sample a ray runs along the face's normal, into the material (walls) or out of it
     (gaps), up to the next face. It counts when the two faces are parallel within 30°: a box's edge
-    is no thin wall and its inner corner no gap. The width is the ray's length.
+    is not a thin wall, nor its inner corner a gap. The width is the ray's length.
 
     Samples: a lattice of `spacing` on every face that is larger, one in the middle of each smaller one, of
     which those that share a cube of that size and look the same way (of six) are thinned to one. So a wall

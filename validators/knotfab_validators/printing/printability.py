@@ -81,7 +81,7 @@ def printability_checks(
       narrower: a tube of m flat sides with the round one's volume stands out by r a² / 12 at its
       corners (a = 2 pi / m; 0.015 mm at r = 2 mm and m = 24), so that two strands whose centre
       lines keep their distance come up to twice as much closer in the file. Where it is known how
-      far that is (`proud`), they may be so much narrower if that is more.
+      far that is (`proud`), they may be that much narrower, if that is more.
     - `overhang`: area steeper than the printer's `max_overhang_deg`, cm²; `support_volume`: solid
       columns under it, cm³; `bridge`: longest stretch over air, where a ledge that is held on one
       side counts twice; `islands`: how many places begin in mid-air; `floating`: how many bodies do
@@ -343,7 +343,7 @@ def _check_stands(
 
 
 def _check_turned(mesh: Mesh, desk: Array, layer: float, stands: bool) -> Check:
-    """Check `standing` of a part that is printed in another pose than it stands; places are as printed."""
+    """Check `standing` of a part that does not stand in its print pose; places are as printed."""
     turned = mesh.vertices @ desk.T
     lowest = np.array([0.0, 0.0, turned[:, 2].min()])
     stood = Mesh(turned - lowest, mesh.faces)

@@ -262,7 +262,7 @@ def find_pieces(
 ) -> Ints:
     """Return the piece (n,) nearest to x in a row of all layers, whose number may be fractional.
 
-    It is -1 if none is within `reach` there or in so many rows `beside` it.
+    It is -1 if none is within `reach` there or in the `beside` rows to either side.
     """
     found = np.full(len(x), -1)
     for i in range(len(x)):

@@ -133,7 +133,7 @@ def check_level(mesh: Mesh, threads: Array, up: Array) -> Check:
     Below two threads it swings about the line through both, and its centre of mass must be between them.
 
     Args:
-        threads: (1 or 2, 3) where threads carry the part; up: the unit vector (3,) that is to be
+        threads: (1 or 2, 3) where threads carry the part; up: the unit vector (3,) that should be
             upright, both in the part's coordinates.
     """
 

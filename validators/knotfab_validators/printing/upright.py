@@ -39,7 +39,7 @@ class Upright:
 
 
 def check_upright(part: Upright, layer_mm: float) -> list[Check]:
-    """Make the checks of `checks.GROWN`, and those of `PRINTING` that ask what lies over air; all required.
+    """Make the checks of `checks.GROWN`, and those of `PRINTING` about what lies over air; all required.
 
     - `islands`: places that begin in mid-air; `floating`: bodies that do not reach the bed.
     - `reach`: how far a layer lies over air, held on one side; `bridge`: held on two, straight across. A

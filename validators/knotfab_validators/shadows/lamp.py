@@ -110,7 +110,7 @@ def measure_penumbra(
 
 
 def check_half_light(ious: Mapping[str, float], iou_floor: float | None) -> Check:
-    """Check `half_light`: half-light must keep the IoU that is asked of the sharp shadow.
+    """Check `half_light`: half-light must keep the IoU that the sharp shadow needs.
 
     Args:
         ious: by the view's name, IoU of the picture with the places where half of the lamp is
@@ -315,7 +315,7 @@ def to_lab(srgb: Bytes) -> Array:
 
 
 def colour_error(seen: Bytes, wanted: Bytes) -> Array:
-    """Return differences ΔE (n,) (CIEDE2000) of 8-bit sRGB colours (n, 3); equal pairs once."""
+    """Return differences ΔE (n,) (CIEDE2000) of 8-bit sRGB colours (n, 3), computed once for equal pairs."""
     from skimage.color import deltaE_ciede2000
 
     weights = 256 ** np.arange(6, dtype=np.int64)

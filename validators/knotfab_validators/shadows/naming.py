@@ -46,7 +46,7 @@ def name_piece(seen: Sequence[Mask], target: Mask) -> Named | None:
     """Measure how much better the picture fits the silhouettes than foreign pictures do.
 
     Each picture is moved, turned, stretched and sheared over each silhouette until their IoU is largest; what
-    it gains over shapes that are no picture of it, the foreign signs on average, is taken off. `z` counts the
+    it gains over shapes that it does not show, the foreign signs on average, is taken off. `z` counts the
     standard deviations of the signs by which the picture then stands out from their mean, in the silhouette
     where that is largest; `first` says whether no sign fits better there. Around 1 nothing is read; from 3
     on it is plain. None where there is nothing to see.

@@ -216,7 +216,7 @@ def _blur_px(part: PosedPart, seen: SeenView) -> float:
 
 
 def count_bridged(piece: Piece, target: Mask) -> int:
-    """Count the gaps between pieces that must be bridged to draw as many knots as were asked for."""
+    """Count the gaps between pieces that must be bridged to draw the requested number of knots."""
     if piece.knots is None or not piece.asks_for_bridges:
         return 0
     return max(len(label_regions("piece", target, SPECK_PX)[1]) - piece.knots, 0)

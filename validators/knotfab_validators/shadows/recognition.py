@@ -83,7 +83,7 @@ def recognise(
             hangs: these may break the topology or cross the picture, but are no fault of the outline. None:
             `shadow`.
         blur_px: the width of the lamp's penumbra on the wall.
-        bridged: how many gaps, the narrowest ones, were to be bridged and are no loss.
+        bridged: how many gaps, the narrowest ones, had to be bridged and are no loss.
     """
     scale = _Scale(frame, geometry, 2 * radius_px)
     found = _compare_on_grid(shadow, target, radius_px, outlined, bridged)

@@ -60,7 +60,7 @@ def check_table_bars(plates: Sequence[Plate], scene: Scene) -> Check:
 
 
 def _find_fault(mesh: Mesh, bar: FrameBar) -> tuple[str, float | str, Array] | None:
-    """Find what lacks matter, or is plugged: in words, how deep a face lies there, mm, and its place (3,).
+    """Find what lacks matter or is plugged: its name, how deep a face lies there, mm, and its place (3,).
 
     The mesh is in the bar's own coordinates.
     """
@@ -114,7 +114,7 @@ def _tail(root: Array, along: Array, play: float) -> Array:
 
 
 def _find_unfit(bars: Sequence[FrameBar], scene: Scene) -> str | None:
-    """Say why the bars of the scene are no frame for its lamps and its screen."""
+    """Say why the bars of the scene do not make a frame for its lamps and its screen."""
     views = [view_geometry(view, 2, 2) for view in scene.views]
     up = views[0].up
     motions = [np.array(bar.matrix) for bar in bars]
@@ -157,7 +157,7 @@ def _find_unfit(bars: Sequence[FrameBar], scene: Scene) -> str | None:
 def _find_slot_short(
     bars: Sequence[FrameBar], motions: Sequence[Array], scene: Scene
 ) -> str | None:
-    """Say where ridges do not hold the screen on both its sides."""
+    """Say where ridges fail to hold the screen on both sides."""
     view = view_geometry(scene.views[0], 2, 2)
     wide = scene.views[0].frame_width_mm
     if wide is None:

@@ -105,7 +105,7 @@ def verify_view(
             judged; `target` where left out.
         bars: whether bars may stand between the strands: the outline is that of the tube's own surface then
             too, and what they darken is `intrusion`.
-        ends: whether the wall ends at the picture's frame: what falls beside it is no shadow.
+        ends: whether the wall ends at the picture's frame, so that nothing beside it is shadow.
 
     Raises:
         ShadowError: the part reaches the light.

@@ -155,7 +155,7 @@ def _find_or_none(body: Mesh) -> CentreLine | None:
 
 
 def _take_body(mesh: Mesh, found: Surface, number: int) -> Mesh | None:
-    """Extract one body, sewn where its two ends meet; None if it is no closed surface."""
+    """Extract one body, sewn where its two ends meet; None if it is not a closed surface."""
     used, index = np.unique(mesh.faces[found.body == number], return_inverse=True)
     body = Mesh(mesh.vertices[used], index.reshape(-1, 3))
     if found.manifold or (own := survey(body)).manifold:

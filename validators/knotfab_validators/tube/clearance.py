@@ -120,7 +120,7 @@ def strand_gap(
     two edges are measured exactly if places on these edges face each other (`strand_pairs`), that
     is, are not neighbours along one strand. A bend is measured as well if it is tighter than it
     may be: places at least pi (radius + required_mm / 2) apart along a knot count where their
-    surfaces are nearer than `required_mm`, for a tube with that thickness has none.
+    surfaces are nearer than `required_mm`, since a tube with that thickness has none.
 
     Two edges' faces keep the distance of the edges less the farthest corner on either side, so
     pairs of edges are taken in the order of that bound, until it exceeds the least distance found.

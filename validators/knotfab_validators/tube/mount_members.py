@@ -35,8 +35,8 @@ OWN = 1.25  # radii from a centre line within which matter may fill the space be
 class Asked:
     """What a scene requires of its mount, in the part's coordinates, mm.
 
-    `pegs`: how many members there are, by knots; empty: not said. `solids`: what must be filled as the
-    scene alone has it (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
+    `pegs`: how many members there are, by knots; empty: not said. `solids`: what must be filled by
+    the scene itself (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
     "base", and how thick each must be below every foot at least. `threads`: where eyelets carry
     the piece, (1 or 2, 3). `on_feet`: whether it stands in a plate by its own valleys; `frame` (n, 3):
     corners over which that plate must extend.

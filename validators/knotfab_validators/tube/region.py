@@ -64,7 +64,7 @@ def check_region(
 ) -> Check:
     """Check `region`: the tubes around `curves`, or else the whole `mesh`, stay inside.
 
-    Box, cylinder and sphere are convex, so that the vertices of centre line or mesh decide; of a
+    Box, cylinder and sphere are convex, so that the vertices of centre line or mesh decide; for a
     region that is a mesh the least distance between centre line and surface does, and a part without
     a known tube is measured at points 1 mm apart.
 

@@ -109,7 +109,7 @@ def _find_min_rad(
 def _find_turning(polygon: Array, closed: bool) -> Ints:
     """Find the vertices of a polygon (n, 3) at which it turns, and its open ends.
 
-    Of many tiny turns in a row some are kept, so that a bend spread over thousands of vertices stays one.
+    Some of many tiny turns in a row are kept, so that a bend spread over thousands of vertices stays one.
     """
     n = len(polygon)
     one, other = polygon - np.roll(polygon, 1, axis=0), np.roll(polygon, -1, axis=0) - polygon
@@ -272,9 +272,9 @@ def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
     """Find pairs of samples within `reach` that face each other, or are `apart` along their knot.
 
     Whether two places of a knot face each other is found by descent: both are moved along the
-    curve, sample by sample, as long as that lowers their distance. Neighbours meet; what does not
-    meet is two strands. So a bend is no gap, whatever its length and radius, and strands are
-    two however soon the curve comes back.
+    curve, sample by sample, as long as that lowers their distance. Neighbours meet; places that do not
+    meet are on two strands. So a bend is no gap, whatever its length and radius, and two strands are
+    two, however soon the curve comes back.
 
     Raises:
         ValueError: there are more than 20 million pairs within `reach`, or strands run side by side
