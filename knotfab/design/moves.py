@@ -129,7 +129,7 @@ def move_views(scene: ResolvedScene, targets: Sequence[Target], bent: bool) -> R
 
 
 def mirror_views(scene: ResolvedScene, targets: Sequence[Target]) -> ResolvedScene:
-    """Mirror pictures where that makes all agree better, but no text and never the first picture."""
+    """Mirror pictures if that makes all agree better, but neither text nor the first picture."""
     masks = coarse_masks(targets, _COARSE_PX)
     best, most = scene, -1.0
     may = [(False,) if n == 0 or t.is_text else (False, True) for n, t in enumerate(targets)]

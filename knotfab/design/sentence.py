@@ -105,7 +105,7 @@ def _describe_loss(loss: Loss, seen: ViewSurvey) -> str:
 
 
 def _describe_small(found: Survey) -> list[str]:
-    """Tell what keeps the small parts of the pictures, at what price; no line where the usual tube does."""
+    """Say what keeps the small parts of the pictures, and at what price; no line if the usual tube does."""
     small = found.small
     if small is None:
         return []
@@ -137,7 +137,7 @@ def _describe_small(found: Survey) -> list[str]:
 
 
 def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
-    """Name small parts by picture; and the pronoun for them."""
+    """Name small parts by picture; also return the pronoun for them."""
     named = []
     for number, seen in enumerate(found.views):
         own = [one for n, one in parts if n == number]

@@ -234,7 +234,7 @@ def step_margin(
 
 @compiled
 def step_limits(points: Array, following: Indices, i: Indices, j: Indices, most: float) -> Array:
-    """Return each vertex's least distance from its segments to their partners, at most `most`, [N]."""
+    """Return the least distance of each vertex's segments from their partners, at most `most`, [N]."""
     middle, half = _middles(points, following)
     gap = np.full(len(points), most)
     for pair in range(len(i)):

@@ -104,10 +104,10 @@ def place_rings(points: Array, radius_mm: float, sides: int) -> tuple[Array, int
 def carry_torus(rings: Array, offset: int, volume_mm3: float) -> tuple[Array, Faces]:
     """Return the mesh through corners and offset of `place_rings`: a torus of manifold3d, carried there.
 
-    In each of its faces the torus has the same diagonal, that between corners k and k - 1 of the next ring.
-    Where the edges that run along it go to these corners instead, the others are the diagonals, and lean the
-    other way: as many such segments as `offset` asks for, and nearly half of all, so that what the twist
-    takes from faces of one kind it gives to the others.
+    All side faces of the torus are split by the same diagonal, from corner k to k - 1 of the next ring. In
+    some segments these diagonals serve as the edges along the tube, and the former edges as diagonals that
+    lean the other way. There are as many such segments as `offset` needs, and nearly half of all, so that
+    what the twist takes from faces of one kind it gives to the others.
 
     Raises:
         RuntimeError: what came out is not one handle of about this volume.

@@ -157,7 +157,7 @@ class Table:
 
 
 def frame_or_reason(mounted: Mounted) -> tuple[Table | None, str]:
-    """Return the frame, None if the scene asks for none; or why none can be made."""
+    """Return the frame and "", or None and why it cannot be made ("" if the scene asks for none)."""
     try:
         return plan_table(mounted), ""
     except ValueError as error:
@@ -311,7 +311,7 @@ class _Layout:
 
 
 def _spine_width(aside: Array) -> float:
-    """Choose a width at which each lamp, (n,) from the middle, is on the spine or well off.
+    """Choose a width at which each lamp, `aside` (n,) mm from the middle, is on the spine or well beside it.
 
     Raises:
         ValueError: it would be wider than `WIDEST_MM`.

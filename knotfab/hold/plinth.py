@@ -103,7 +103,7 @@ def _slope_of(camera: Camera) -> Slope:
 
 @dataclass(frozen=True)
 class Masses:
-    """Volumes, mm³ (n,), and centres of mass, (n, 3) in the scene, of solids."""
+    """Solids, each by its volume, mm³ (n,), and its centre of mass (n, 3) in the scene."""
 
     volume: Array
     center: Array

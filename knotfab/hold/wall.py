@@ -69,7 +69,7 @@ class Peg:
 
     @property
     def drill_mm(self) -> float:
-        """The drill for its hole: the largest sold whose dowel leaves the peg its shoulder."""
+        """The drill for the peg's hole: the largest one sold whose dowel still leaves the peg a shoulder."""
         wide = 2 * self.foot_radius_mm + PLAY_MM
         return max((d for d in DRILLS_MM if d <= wide), default=wide)
 

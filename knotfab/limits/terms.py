@@ -96,7 +96,7 @@ class Guard:
     """A limit as one search watches it: how often its term was called, and what that cost.
 
     The term and its gradient are zero until some vertex has moved as far as the measured slack,
-    which is then measured anew. Skipping the term before that changes no step.
+    which is then measured again. Skipping the term before that changes no step.
     """
 
     limit: Limit

@@ -105,7 +105,7 @@ def lay_on_plates(
     Args:
         part_pose: pose of the assembled piece, as it is written to part.stl.
         gap_mm: the least between strands; see `cut_body`.
-        upright: the rotation that a mount asks for; a body that does not fit so may lie otherwise.
+        upright: the rotation that a mount asks for; a body that does not fit that way may lie otherwise.
 
     Raises:
         SceneError: a body does not fit and cannot be cut; names it and the numbers.

@@ -1,4 +1,4 @@
-"""A picture bent by a few control points: a smooth field says for each pixel where in the picture it looks.
+"""A picture bent by a few control points: a smooth field maps each pixel to the place that it is taken from.
 
 The field is a uniform bicubic B-spline (docs/conventions.md), so a bound that all control points keep is kept
 everywhere, as are bounds on their differences by its slopes.

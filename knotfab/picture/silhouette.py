@@ -156,8 +156,8 @@ def _trace_rings(coverage: NDArray[np.float32]) -> list[list[Array]]:
 def trace_polygon(mask: Mask, smooth_px: float = 1.5) -> MultiPolygon:
     """Trace the silhouette as smooth polygons with holes, in the mask's pixel coordinates.
 
-    The half-coverage outline (marching squares) of the mask, brought down to 1024 px on the longer
-    side first where it is larger, with the stair steps of its pixels smoothed away.
+    A larger mask is first reduced to 1024 px on the longer side. Its outline at half coverage (marching
+    squares) is traced, and the stair steps of its pixels are smoothed away.
 
     Args:
         mask: (H, W).

@@ -97,7 +97,7 @@ def limits_as_effects(limits: Sequence[LimitLine]) -> tuple[EffectLine, ...]:
 
 
 def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
-    """Warn of each effect that is switched off though the scene calls for it."""
+    """Warn about each effect that is switched off although the scene calls for it."""
     return [decision.warning for decision in effects.values() if decision.warning is not None]
 
 

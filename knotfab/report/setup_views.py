@@ -242,7 +242,7 @@ def _tell_height(value: float) -> str:
 
 
 def _bar_outline(bar: Bar) -> Array:
-    """Return a bar's corners on the page (4, 2): right and, before the wall, down."""
+    """Return a bar's corners on the page (4, 2), right and down; down leads away from the wall."""
     aside = 0.5 * bar.width_mm * np.array([-bar.along[1], bar.along[0]])
     end = bar.start + bar.length_mm * bar.along
     return np.stack([bar.start + aside, end + aside, end - aside, bar.start - aside]) * [1.0, -1.0]

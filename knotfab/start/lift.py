@@ -37,7 +37,7 @@ def lift_template(
 ) -> Start:
     """Move the template's curves to their depths and sample them evenly; they are unknots by inspection.
 
-    With `parted`, sides of a stroke that hide each other keep their order in depth all along.
+    With `parted`, sides of a stroke that hide each other keep the same order in depth along all of it.
     """
     problem = replace(problem, world=problem.world.holding(len(template.curves)))
     target = problem.views[0]

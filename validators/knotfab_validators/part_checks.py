@@ -79,7 +79,7 @@ def part_checks(
 
 
 def _is_upright(scene: Scene | None) -> bool:
-    """True if the piece is designed to print without supports."""
+    """Return whether the piece is designed to print without supports."""
     return (
         scene is not None
         and scene.piece.supports == "none"

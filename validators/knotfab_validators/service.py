@@ -112,7 +112,7 @@ def _draw() -> None:
 
 @lru_cache(maxsize=1)
 def _read(piece: str, part: str | None, knots: str | None, scene: str | None, unit: str) -> Piece:
-    """Read the files of a piece and keep the last one; its name is never given twice."""
+    """Read the files of a piece; its unique name lets the last one be reused."""
     from knotfab_validators.validate import read_piece
 
     del piece

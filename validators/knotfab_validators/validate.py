@@ -168,7 +168,7 @@ def measure_piece(
 def conclude_piece(
     piece: Piece, halves: Sequence[Found | Verdict], failures: FilePath | None = None
 ) -> Verdict:
-    """Conclude from a piece's checks, measured together or as halves by other processes.
+    """Draw the verdict from a piece's checks, measured together or as halves by other processes.
 
     Args:
         halves: what `measure_piece` found, or the verdicts of other processes.

@@ -170,7 +170,7 @@ UNKNOT = Invariants(Laurent(0, (1,)), 0, Laurent(0, (1,)), Floer((((0, 0), 1),))
 
 
 def invariants(diagram: PlanarDiagram) -> Invariants:
-    """Compute all invariants of a knot's diagram of, once simplified, at most some 60 crossings.
+    """Compute all invariants of a knot's diagram, which may have some 60 crossings once simplified.
 
     Raises:
         Disagreement: the Alexander polynomial is not what Floer homology or Goeritz' matrix say.

@@ -27,7 +27,7 @@ TIE = 1e-3  # random share that breaks ties between ways of equal length
 
 @dataclass(frozen=True)
 class _Run:
-    """Consecutive passages on one side of all they meet: arcs[k] leads to crossings[k], the last arc away."""
+    """Consecutive passages all above or all below: arcs[k] leads to crossings[k], the last arc leads away."""
 
     arcs: tuple[int, ...]
     crossings: tuple[int, ...]

@@ -48,7 +48,7 @@ def follow_growth(cut: Slices) -> Growth:
     A leg is a cantilever from the bed with the sections that it has. Its end moves by the sum of (L
     - s)² ds / E I(s), with I = A² / 4 pi of a round section of the same area: L³ / 3 E I if it is
     even. Where two pieces that reach the bed grow together, as at the peak of an arch or at a bar,
-    they brace each other, and what goes on from there starts anew.
+    they brace each other, and what goes on from there starts afresh.
     """
     area, flat = measure_pieces(cut)
     pieces = len(area)
