@@ -186,7 +186,7 @@ def temporary_folder(prefix: str, place: Path | None = None) -> Iterator[Path]:
     """
     place = Path(tempfile.gettempdir()) if place is None else place
     for left in place.glob(f"{prefix}*"):
-        with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
+        with contextlib.suppress(OSError):  # it belongs to a living process, or may not be changed
             _remove_orphan(left)
     made = tempfile.TemporaryDirectory(prefix=prefix, dir=place, ignore_cleanup_errors=True)
     with made as own, locked(Path(own)):

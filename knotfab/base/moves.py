@@ -72,7 +72,7 @@ def mend(folder: Path) -> None:
 def mend_locked(folder: Path) -> None:
     """Do what `mend` does; the caller holds the folder's lock."""
     for hidden in sorted(folder.glob(f"{HIDDEN}*")):
-        with contextlib.suppress(OSError):  # another's who still lives, or nobody's to change
+        with contextlib.suppress(OSError):  # it belongs to a living process, or may not be changed
             if not stat.S_ISDIR(hidden.lstat().st_mode):
                 continue
             handle = hold(hidden)

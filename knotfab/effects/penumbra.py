@@ -18,7 +18,7 @@ from knotfab_formats.scene import ResolvedView
 
 _LOWERED = 0.5  # share of the way to the wall by which outline strands are lowered at most
 _LOWERED_PX = 32.0  # px of blur above the threshold, from which on it has its full share
-# tube radii from the outline: a strand there draws none of it; over which that fades
+# tube radii from the outline, beyond which a strand draws none of it; and over which that fades
 _DRAWS = (2.0, 0.7)
 _OUTLINE_STEP = 0.05  # tube radii, between points of the outline that distances are taken to
 _SMOOTH = 4.0  # along the curve, in tube radii: strands cannot change depth at once

@@ -166,7 +166,7 @@ def plan_bars(
                 continue
             reach = 0.5 * found.gap_mm + radius
             beside = np.array(level.query_ball_point(0.5 * (start + end), reach), dtype=np.int64)
-            # a strand that leans towards the other is near the bar, and in nobody's way
+            # a strand that leans towards the other is near the bar, but not in its way
             for e in (n, near[k]):
                 theirs = np.abs(along[beside] - along[e]) < _OWN_RADII * radius
                 beside = beside[(own[beside] != own[e]) | ~theirs]

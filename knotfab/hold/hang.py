@@ -218,7 +218,7 @@ class _Hanger:
                 ]
                 posts, rings = [post for post, _ in moved], [ring for _, ring in moved]
             if not self._is_clear(struts, posts, rings):
-                continue  # planned anew, about what has now come out as the centre of mass
+                continue  # planned again, about the centre of mass that came out
             members = join_members([struts, *posts])
             middle = _centre_of_mass(masses_of(knots, members), *(r.masses for r in rings))
             threads, pinned = np.array([ring.thread for ring in rings]), len(rings) > 1

@@ -43,7 +43,7 @@ from knotfab.scene.camera import Camera, CurvedWall
 
 VISIBLE_SHARES = (0.6, 0.8)  # radii over the tube's: thin members show less, thick ones hold more
 MOST_COSINE = 0.75  # between a post and its tube
-# the base's top lies so far below the light's view of the frame: roots stay out of it
+# how far the base's top lies below the light's view of the frame, so that roots stay out of it
 DROP_MM = 4.0
 LEAN = (0.0, -0.2, 0.2, -0.4, 0.4)  # a post's lean, across and along the view: per mm of its height
 LEAST_POSTS = 3  # fewer would let a push turn the piece about one of them

@@ -175,7 +175,7 @@ def _turn_to(up: Array, right: Array) -> Array:
 # What a flatter piece would take to print, and how flat it must be to keep the printer's limit.
 
 STEPS = 5  # halvings, to a thirty-second of the depth
-AIM = 0.95  # a share of the limit: the search that follows lays the strands anew
+AIM = 0.95  # a share of the limit: the search that follows lays the strands differently
 ROUND_MM = 0.1
 FLATTER = (0.6, 0.0)  # shares of the depth that are estimated for the report as well
 

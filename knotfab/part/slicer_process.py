@@ -131,7 +131,7 @@ def _text(path: Path) -> str:
 # Find PrusaSlicer, or say how to get it.
 
 NAMES = ("prusa-slicer", "PrusaSlicer", "prusaslicer", "prusa-slicer-console")
-# the place where its installers put it, which is on nobody's path
+# where its installers put it, which is not on the path
 PLACES = ("/Applications/PrusaSlicer.app/Contents/MacOS", r"C:\Program Files\Prusa3D\PrusaSlicer")
 REMEDY = "apt-get install --no-install-recommends prusa-slicer"
 

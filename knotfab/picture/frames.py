@@ -176,7 +176,7 @@ def _count(what: str, count: int) -> None:
 
 def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
     """Return the frames of an animation, each as a PNG."""
-    read_image(path)  # raises the right error for a file that is no picture
+    read_image(path)  # raises the right error for a file that is not a picture
     found: list[Target] = []
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd metadata

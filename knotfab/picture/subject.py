@@ -240,7 +240,7 @@ def _edge_weights(levels: Levels, edge: float) -> dict[tuple[int, int], NDArray[
     """Return, for each direction, the cost of an outline between a pixel and its neighbour, (H, W)."""
     squares = {}
     for down, right in _SIDES:
-        shifted = np.roll(levels, (-down, -right), (0, 1))  # beyond the grid there is no edge
+        shifted = np.roll(levels, (-down, -right), (0, 1))  # no edge beyond the grid
         squares[down, right] = ((levels - shifted) ** 2).sum(-1)
     sharp = 0.5 / max(float(np.mean([s[:-1, 1:-1].mean() for s in squares.values()])), 1.0)
     return {

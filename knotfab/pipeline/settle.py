@@ -194,7 +194,7 @@ def _wall_mm(made: Design) -> float:
 
 SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25)  # of the depth, tried in turn
 LEAST_PEG_MM = 10.0  # room for fingers and a brush between piece and wall
-AIM = 0.9  # share of the sag limit that is aimed at, since the next search lays the strands anew
+AIM = 0.9  # share of the sag limit to aim at, since the next search lays the strands differently
 _PX = 64  # size of a camera used only for its eye and wall
 _ROUND = 10  # places are rounded to a tenth of a mm
 

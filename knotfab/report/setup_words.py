@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LAMP_MM = 10.0  # the misplacement for which the loss is told
-HEAR_MM = 0.05  # an offset of less is none
+HEAR_MM = 0.05  # smaller offsets count as none
 
 # How the report's keys read, and what goes with them.
 LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or farther"}
@@ -157,7 +157,7 @@ def _desk_steps(place: Placement, view: View, lamp: str) -> list[str]:
     gap = level_wall(place, base.bottom)
     across = float(place.level[0] @ place.lamp) - (base.left + base.right) / 2
     aside = ""
-    if abs(across) >= 1.0:  # an offset of so little to the side of a stand is none either
+    if abs(across) >= 1.0:  # a smaller offset to the side of a stand counts as none
         aside = f", {length(abs(across))} mm to the {'right' if across > 0 else 'left'}"
     high = float(place.level[1] @ place.lamp) - base.bottom
     before = float(place.level[2] @ place.lamp) - base.front

@@ -30,7 +30,7 @@ CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_O
 _TALLIED = {"pass": "passed", "fail": "failed", "warn": "not required and not met"}
 _TALLIED |= {"skipped": "skipped", "info": "for information"}
 _FEW = 4  # checks that are named
-# z of `recognition` from which on a picture may be guessed, and is read, from aside
+# z of `recognition` from which a picture may be guessed, and is read, from the side
 _GUESSED, _PLAIN = 2.0, 3.0
 
 

@@ -156,7 +156,7 @@ def _settle_pose(state: SearchState) -> None:
 
 
 def _approach(state: SearchState) -> None:
-    """Move a start that is far from the pictures towards them, by certified steps down the chamfer distance."""
+    """Move a start that is far from the pictures to them, by certified steps down the chamfer distance."""
     weights = Weights(image=0.0, clearance=60.0, bend=30.0)
     kept = state.terms
     state.terms += (Chamfer.of(state.problem.views, state.radius),)

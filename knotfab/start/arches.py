@@ -14,7 +14,7 @@ from knotfab.start.doubled import Doubled
 from knotfab_formats.upright import LEAST_TIP_DEG
 
 # least and most angle of a flank from the bed, and the lowest peak over the highest: lower ones make the
-# picture plainer from aside
+# picture plainer from the side
 _FLANKS_DEG = 49.0, 54.0
 _LOWEST_PEAK = 0.85
 _FEET = 3  # fewest feet on which a curve stands

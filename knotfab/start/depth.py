@@ -44,11 +44,11 @@ _DRAWN = 6  # one candidate in six is drawn at random, the others are variations
 _KEPT = 4  # number of profiles that are varied in turn
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
-_NOISE = 0.025  # legibility differs by as much from draw to draw of profiles: less is no reason
-# arches that lack a neighbour are split so often at most, at one of these shares
+_NOISE = 0.025  # legibility differs by this much between draws of profiles: smaller gains do not count
+# arches with a leg that lacks a neighbour are split at most this often, at one of these shares
 _SPLITS = 8
 _SPLIT_SHARES = 0.5, 0.3, 0.7
-_BRACED = 2  # how many of the best arches are made to stand; the one read worse from aside is taken
+_BRACED = 2  # how many of the best arches are braced; the one less legible from the side is taken
 _STAND_OUT = 0.05  # weight of a standard deviation by which a picture stands out from foreign signs
 _FREE_LEG = 0.03  # weight of a leg that sways, against legibility
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles

@@ -183,7 +183,7 @@ def part_sides(
     one, other = pairs
     if not len(one):
         return np.zeros_like(depths)
-    # take each pair in both orders, for the order of indices changes where a curve begins
+    # take each pair in both orders, since the order of indices changes where a curve begins
     a, b = np.concatenate([one, other]), np.concatenate([other, one])
     stretch = number_stretches(a, b, [len(s) for s in samples])
     swap = np.bincount(stretch, depths[a] - depths[b])[stretch[: len(one)]] < 0

@@ -160,7 +160,7 @@ def find_plate(photo: NDArray[np.float64]) -> Array | None:
         like = mask_iou(inside, largest)
         if best is None or like > best[0]:
             best = like, corners
-    if best is None or best[0] < 0.95:  # it is no quadrilateral
+    if best is None or best[0] < 0.95:  # it is not a quadrilateral
         return None
     return np.asarray((best[1] + 0.5) * step - 0.5)
 

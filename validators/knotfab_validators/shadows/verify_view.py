@@ -21,7 +21,7 @@ from knotfab_validators.shadows.tube_field import OutlineError, outline_error, t
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.tube.mount_members import tube_vertices
 
-NAMED_AT = ("45",)  # degrees aside, from where the picture's own outline is no longer seen
+NAMED_AT = ("45",)  # degrees to the side, from where the picture's own outline is no longer seen
 
 
 @dataclass(frozen=True)
