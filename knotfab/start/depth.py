@@ -44,7 +44,7 @@ _DRAWN = 6  # one candidate in six is drawn at random, the others are variations
 _KEPT = 4  # number of profiles that are varied in turn
 _RODS = 600  # rods by which supports are estimated
 _EXTENTS = 20  # extents at which a profile is judged where placing is careless
-_NOISE = 0.025  # legibility differs by this much between draws of profiles: smaller gains do not count
+_NOISE = 0.025  # legibility differs by this much between draws of profiles: less does not count
 # arches with a leg that lacks a neighbour are split at most this often, at one of these shares
 _SPLITS = 8
 _SPLIT_SHARES = 0.5, 0.3, 0.7
