@@ -170,9 +170,9 @@ class SupportAccess:
 
 @dataclass(frozen=True, kw_only=True)
 class OtherWay:
-    """What a piece would take if it were held the other way while it prints.
+    """What a piece would take if it were held in the other way while it prints.
 
-    An estimate from pieces that were built both ways: nothing is searched for it.
+    It is estimated from pieces that were built both ways, without a search.
     """
 
     hours: float

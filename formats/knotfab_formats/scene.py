@@ -132,7 +132,7 @@ class ResolvedScene(Scene):
 
 
 class SettledPiece(Piece):
-    """A piece whose tube and number of knots are known; a depth of None: the pictures decided it."""
+    """A piece whose tube and number of knots are known; its depth is None if the pictures decided it."""
 
     tube_radius_mm: Length
     knots: Count

@@ -42,8 +42,7 @@ class Sites:
 def sites_of(
     knots: Knots, step_radii: float = SITE_RADII, also: Mapping[int, Indices] | None = None
 ) -> Sites:
-    """Choose vertices about `step_radii` tube radii apart, 8 a knot at least, and those in
-    `also`."""
+    """Choose vertices about `step_radii` tube radii apart, at least 8 a knot, and those in `also`."""
     knot, vertex, point, tangent, arcs, following, perimeter = [], [], [], [], [], [], []
     first = 0
     for k, curve in enumerate(knots.knots):

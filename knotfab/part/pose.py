@@ -230,7 +230,7 @@ def lay_on_bed(
 
 
 def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:
-    """List the rotations that turn each of `sides` up, each also a quarter further, with sizes, lowest first.
+    """List the rotations that turn each of `sides` up, also with a quarter turn, and sizes, lowest first.
 
     Ties keep the order of preference.
     """

@@ -115,7 +115,7 @@ def split_channels(image: Image.Image) -> tuple[Levels, NDArray[np.uint8] | None
 
 
 def takes_alpha(colours: Levels, alpha: NDArray[np.uint8] | None, reading: Reading) -> bool:
-    """Return whether transparency decides what is ink: if there is enough, and nobody says otherwise.
+    """Return whether transparency decides what is ink: if enough is clear, and `reading` says nothing else.
 
     Up to a hundredth of clear pixels is a fault of export, unless nothing else shows a shape.
     """

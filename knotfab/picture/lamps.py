@@ -326,7 +326,7 @@ def _without_grain(srgb: Array) -> Array:
 
 
 def _local_range(srgb: Array) -> Array:
-    """Return the range of the pixels about each, in the channel where it is largest, (H, W)."""
+    """Return the range of values around each pixel, in the channel where it is largest, (H, W)."""
     channels = [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)]
     return np.asarray(np.max(channels, axis=0))
 

@@ -247,7 +247,7 @@ def tell_plan(plan: WirePlan | None) -> list[str]:
 
 
 def _tell_hand(plan: BendingPlan) -> list[str]:
-    """Say that no hand bends a wire as planned, if none does."""
+    """Say that a wire cannot be bent by hand as planned, if that is so."""
     short = min(wire.shortest_straight_mm for wire in plan.knots)
     sharp = max(wire.largest_bend_deg for wire in plan.knots)
     if short >= _HELD_MM and sharp <= _BENT_DEG and plan.bends <= _BENDS:

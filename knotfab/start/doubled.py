@@ -193,7 +193,7 @@ class _Two(NamedTuple):
         return 0.5 * (self.one.at(x_mm) + self._hidden(x_mm))
 
     def tip_beyond(self, x_mm: float, sign: int) -> float:
-        """Return how far beyond a place the tip is, mm, where both sides meet if they are of one curve."""
+        """Return how far beyond a place the tip is, mm, where the two sides of one curve meet."""
         apart = self.other.begin + self.intercept - self.one.begin + (self.slope - 1.0) * x_mm
         return sign * apart % self.one.length / (1.0 - self.slope)
 

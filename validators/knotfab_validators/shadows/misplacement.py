@@ -205,8 +205,8 @@ def _cut_contours(
     faces at a side cut it at the same point, to the last bit.
 
     Args:
-        first: for each vertex the layer in whose middle, or below which, it lies. begin, stop: the
-            layers, from and up to.
+        first: for each vertex the lowest layer whose middle is not below it. begin, stop: the range of
+            layers.
     """
     low, high = np.empty(len(faces), dtype=np.int64), np.empty(len(faces), dtype=np.int64)
     count = 0
