@@ -5,7 +5,8 @@ own options: the named ones; 12 pairs, 8 triples and 2 sets of four that a fixed
 small parts, such as eyes and letters; and some pictures alone, whose median time is the unit of the others'.
 Prints a line a view, with the pieces and holes wider than 1.5 tube diameters that are lost and how far the
 shadow stands out, and a line a set, and sums up what is drawn. What is built already is not built again.
-`--only NAME` builds one set (any of the pictures' names, joined by -); `--picture FILE` draws it. The sets
+`--only NAME` builds one set (any of the pictures' names, joined by -; `line_pictures` has lines, as in
+brow5-nose5-chin5); `--picture FILE` draws it. The sets
 that the seed drew and the six pairs are drawn into DIR/several-N.png and several-small.png, picture beside
 shadow.
 """
@@ -22,7 +23,7 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 
 from benchmarks.measurement import build_once, make_folder, run_study, save_pictures, stack
-from benchmarks.small_pictures import small_pictures
+from benchmarks.small_pictures import line_pictures, small_pictures
 from examples.pictures import pictures
 from knotfab.render.part_picture import PAPER, draw_part, turn_eye
 
@@ -76,7 +77,7 @@ def build_set(name: str, folder: Path) -> dict[str, Any]:
     names = name.removesuffix(_EYE).split("-")
     first, *more = (str(folder / f"{n}.png") for n in names)
     if not (folder / f"{name}.json").is_file():
-        save_pictures(pictures() | small_pictures(), folder, names)
+        save_pictures(pictures() | small_pictures() | line_pictures(names), folder, names)
     if name.endswith(_EYE):
         scene = folder / "by-eye.toml"
         views = (

@@ -124,7 +124,7 @@ class Canvas:
 
 
 def spline(corners: Sequence[Point], closed: bool, steps: int = 24) -> list[Point]:
-    """Return Centripetal Catmull-Rom spline through the corners (Yuksel et al. 2011)."""
+    """Return points of the centripetal Catmull-Rom spline through the corners (Yuksel et al. 2011)."""
     p = np.array(corners, dtype=np.float64)
     if closed:
         p = np.concatenate([p[-1:], p, p[:2]])

@@ -21,9 +21,10 @@ _HELPS = 0.5  # share of the lost parts that a thinner tube must keep, or it hel
 _SLOWER = (1.4, 2.0)
 _CHEAP = 5.0  # a search may take so many times as long unasked
 _SMALLEST = 0.1  # least radius over the thinnest for which a larger picture is looked for
-# strokes of two line drawings, in tube diameters: narrower ones have no room for a strand there and back
-# beside those of the other view (at 1.8 two pairs lost whole arcs); from `_BOLD` on all were drawn well
-_BARE, _BOLD = 2.0, 2.5
+# width of the strokes of several line drawings, in tube diameters, by how many there are: below the first
+# strands have no room beside those of the other views (two at 1.8 lost whole arcs, three at 3.8 ended at .85,
+# four at 5 at .81); from the second on they were drawn as well as other pictures are
+_STROKES = {2: (2.0, 2.5), 3: (4.2, 5.0), 4: (6.5, 10.0)}
 _MOSTLY = 0.5  # share of a picture in such strokes
 _DRAWN = 0.8  # IoU of a start that the search can mend
 
@@ -121,31 +122,32 @@ def missed_alone(
 
 
 def require_strokes(question: Question, start: Start) -> None:
-    """Refuse two drawings of thin lines of which the start draws too little to be mended.
-
-    For three no width is known that is enough.
+    """Refuse several drawings of thin lines of which the start draws too little to be mended.
 
     Raises:
         SceneError: names the width of the strokes, and the height at which they are wide enough.
     """
     views, scene = question.problem.views, question.scene
     alone = question.problem.apart_mm is None and "unrecognisable" not in scene.accuracy.accept
-    if len(views) != 2 or not alone or min(start.ious, default=1.0) >= _DRAWN:
+    if len(views) < 2 or not alone or min(start.ious, default=1.0) >= _DRAWN:
         return
     thinnest = scene.printer.min_tube_radius_mm
+    bare, bold = _STROKES[min(len(views), max(_STROKES))]
     widths = [
-        thickest_radius(view.polygon, _MOSTLY, thinnest / 64, _BARE * thinnest) for view in views
+        thickest_radius(view.polygon, _MOSTLY, thinnest / 64, bare * thinnest) for view in views
     ]
-    thin = [(w, view) for w, view in zip(widths, views, strict=True) if w and w < _BARE * thinnest]
+    thin = [(w, view) for w, view in zip(widths, views, strict=True) if w and w < bare * thinnest]
     if not thin:
         return
     half, target = min(thin, key=lambda found: found[0])
     on_wall = 2.0 * target.view.magnification
-    height = views[0].view.frame_mm[1] * _BOLD * thinnest / half
+    height = views[0].view.frame_mm[1] * bold * thinnest / half
+    fewer = ", or show fewer of them" if len(views) > 2 else ""
     raise SceneError(
         f"picture {target.view.title or target.view.name}",
-        f"most of its strokes are {on_wall * half:.1f} mm wide on the wall, and lines are drawn from two "
-        f"sides where they are {on_wall * _BOLD * thinnest:.1f} mm, {_BOLD:g} times what a tube draws",
-        f"Make the pictures {np.ceil(height / 10) * 10:.0f} mm high (--height), or their strokes bolder; "
-        "--accept unrecognisable builds them nevertheless.",
+        f"most of its strokes are {on_wall * half:.1f} mm wide on the wall, and lines are drawn from "
+        f"{len(views)} sides where they are {on_wall * bold * thinnest:.1f} mm, {bold:g} times what a tube "
+        "draws",
+        f"Make the pictures {np.ceil(height / 10) * 10:.0f} mm high (--height), or their strokes bolder"
+        f"{fewer}; --accept unrecognisable builds them nevertheless.",
     )
