@@ -109,7 +109,7 @@ outside-suites: system $(DONE)
 # every feature in every setting, built: one view, several, a free view, a sequence (about half an hour; an interrupted
 # run goes on where it was)
 feature-table: system slicer $(DONE)
-	$(BIN)/python -m benchmarks.features --kept out/feature-table.json --write docs/features.md
+	$(BIN)/python -m benchmarks.features --out out/feature-table --write docs/features.md
 
 # how far pictures are bent until they agree, with no search (about 2 min)
 bending-table: $(DONE)

@@ -1,10 +1,9 @@
 """The table of features: what works with one view, several, a free view and a sequence, each cell built.
 
-`python -m benchmarks.features [--only ROW] [--column NAME] [--out DIR] [--kept FILE.json] [--write FILE.md]`
+`python -m benchmarks.features [--only ROW] [--column NAME] [--out DIR] [--write FILE.md]`
 builds every cell with small pictures and few iterations, looks into what was written for the thing asked
 for, and prints the table. A cell either works or is refused with the physical reason. Ends with 1 if one
-does neither.
-With `--kept` what is done is kept as it comes, and an interrupted run goes on where it was.
+does neither. What is as it should be in DIR is not built again, so an interrupted run goes on where it was.
 """
 
 from __future__ import annotations
@@ -413,63 +412,39 @@ def _table(results: Mapping[Cell, Result]) -> str:
     return "\n".join([*lines, "", *(f"[{n}] {note}  " for n, note in enumerate(notes, start=1))])
 
 
-def _read_kept(path: Path | None) -> dict[Cell, Result]:
-    """Read what an earlier run left done: cells that are as they should be."""
-    if path is None or not path.is_file():
-        return {}
-    kept = json.loads(path.read_text(encoding="utf-8"))
-    names = {f"{cell.row.name} / {cell.column}": cell for cell in CELLS}
-    return {names[name]: (True, *kept[name]) for name in kept if name in names}
-
-
-def _keep(path: Path, results: Mapping[Cell, Result]) -> None:
-    """Add what is as it should be to the file; runs of other rows or columns may add theirs beside it."""
-    good = {cell: result for cell, result in results.items() if result[0]}
-    kept = {
-        f"{cell.row.name} / {cell.column}": (said, day)
-        for cell, (_, said, day) in {**_read_kept(path), **good}.items()
-    }
-    staged = path.with_suffix(".new")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    staged.write_text(json.dumps(kept, indent=1), encoding="utf-8")
-    staged.replace(path)
-
-
 def main(
     *,
     only: str | None = None,
     column: Literal[*COLUMNS] | None = None,
     out: Path | None = None,
-    kept: Path | None = None,
     write: Path | None = None,
 ) -> int:
     """Build the cells, print each as it comes, then the table; 1 if one neither works nor is refused."""
-    results = _read_kept(kept)
+    results: dict[Cell, Result] = {}
     with tempfile.TemporaryDirectory() as scratch:
         for cell in CELLS:
-            if cell in results or (only and only not in cell.row.name):
-                continue
-            if column and column != cell.column:
+            if (only and only not in cell.row.name) or (column and column != cell.column):
                 continue
             name = f"{cell.row.name}-{cell.column}".replace(" ", "-")
             place = Path(os.path.abspath((out or Path(scratch)) / name))
+            done = place / "done.json"
+            if done.is_file():
+                results[cell] = (True, *json.loads(done.read_text(encoding="utf-8")))
+                continue
             good, said = build_cell(cell, place)
             results[cell] = good, said, date.today().isoformat()
             print(
                 f"{'ok  ' if good else 'FAIL'} {cell.row.name}, {cell.column}: {said}", flush=True
             )
-            if kept:
-                _keep(kept, results)
+            if good:
+                done.write_text(json.dumps(results[cell][1:]), encoding="utf-8")
     table = _table(results)
     print(f"\n{table}")
-    good = all(ok for ok, _, _ in results.values())
     if write:
         days = sorted({day for _, _, day in results.values()})
         built = "on " + days[0] if len(days) == 1 else f"from {days[0]} to {days[-1]}"
         write.write_text(_PAGE.format(days=built, table=table), encoding="utf-8")
-        if kept and good and len(results) == len(CELLS):
-            kept.unlink(missing_ok=True)
-    return int(not good)
+    return int(not all(ok for ok, _, _ in results.values()))
 
 
 if __name__ == "__main__":
