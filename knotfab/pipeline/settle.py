@@ -46,8 +46,9 @@ def settle_part(
     """Make the part of a design, and search again if it needs too much support or its pegs do not hold it.
 
     Too much support calls for less depth; pegs that do not hold, for a nearer wall and then less depth, too.
-    Nothing is searched again against the scene's own depth or wall, a free view, given start knots or a time
-    budget: the returned Flattening is then only a proposal. If no search is better, the earlier design is kept.
+    Nothing is searched again against the scene's own depth or wall, a free view, given start knots or a
+    time budget: the returned Flattening is then only a proposal. If no search is better, the earlier design
+    is kept.
 
     Raises:
         SceneError: no part can be made.
