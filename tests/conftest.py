@@ -10,11 +10,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from knotfab.base.pool import Workers
 from knotfab.hold import modeller
 from knotfab.pipeline import verifier
 
+# the same examples in every run, and none fails by the clock; `make worst-cases` searches for others
+settings.load_profile("ci")
 # compiled code is kept: workers and the many children would compile all sources anew
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

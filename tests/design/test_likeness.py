@@ -66,7 +66,7 @@ def test_a_finer_tube_that_is_named_draws_it() -> None:
 
 
 @given(seed=st.integers(0, 999), count=st.integers(1, 30), radius=st.floats(5.0, 9.0))
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float) -> None:
     middles = np.zeros((160, 200), dtype=bool)
     places = np.random.default_rng(seed).integers(12, (148, 188), (count, 2))
@@ -78,7 +78,7 @@ def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float)
 
 
 @given(seed=st.integers(0, 999), cell=st.integers(1, 12), cut=st.floats(-1.0, 1.0))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_what_is_wider_than_two_tubes_is_half_drawn(seed: int, cell: int, cut: float) -> None:
     """A build need not open its polygon to know that."""
     levels = np.random.default_rng(seed).normal(size=(96, 128))
@@ -112,7 +112,7 @@ def test_a_stroke_of_few_px_is_one_stroke_to_every_radius(width: int) -> None:
 
 
 @given(apart=st.integers(8, 40), width=st.integers(1, 4), across=st.booleans())
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 def test_lines_closer_than_the_tube_is_wide_are_no_drawing(
     apart: int, width: int, across: bool
 ) -> None:

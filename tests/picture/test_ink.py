@@ -224,7 +224,7 @@ def test_blank_pictures_are_refused_by_every_rule(tmp_path: Path) -> None:
 
 
 @given(st.integers(0, 10**6), st.integers(1, 40), st.integers(1, 4))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_pieces_and_holes_on_noise(seed: int, least: int, count: int) -> None:
     noise = Image.fromarray((np.random.default_rng(seed).random((40, 50)) * 255).astype(np.uint8))
     mask = np.asarray(noise.filter(ImageFilter.GaussianBlur(1.5))) > 127

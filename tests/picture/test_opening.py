@@ -48,7 +48,7 @@ PAN = shape(Point(0, 0).buffer(40), box(0, -BAR / 2, 120, BAR / 2))
 
 
 @given(st.floats(3.5, 15.0))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_thin_arm_is_lost_with_its_place_and_size(radius: float) -> None:
     (loss,) = losses(PAN, radius)
     assert loss.thickness == pytest.approx(BAR, rel=0.05)
@@ -87,7 +87,7 @@ def _change_by_opening_first(radius: float, times: float) -> float:
 
 
 @given(st.floats(1.0, 8.0), st.floats(1.0, 3.0))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_an_opening_may_be_taken_of_an_opening(radius: float, times: float) -> None:
     # as wide as a part, to the fiftieth that is promised, a disc may fit or not (7.875, 1.8984375: the plate)
     assume(all(abs(2.0 * radius * times / width - 1.0) > 1 / 50 for width in (BAR, PLATE)))
@@ -103,7 +103,7 @@ def test_so_it_may_where_a_disc_is_nearly_as_wide_as_a_part(radius: float, times
 
 @pytest.mark.slow
 @given(st.floats(0.5, 50.0))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_the_thickest_tube_of_a_disc_is_the_disc(radius: float) -> None:
     disc = shape(Point(3, 4).buffer(radius, quad_segs=64))
     assert thickest_radius(disc, 0.9, 0.01, 400.0) == pytest.approx(radius, rel=0.02)
@@ -120,7 +120,7 @@ def test_a_line_however_thin_is_lost(px: int) -> None:
 
 
 @given(st.floats(1.0, 3.0), st.floats(0.2, 8.0), st.floats(0.2, 8.0), st.floats(0.0, 180.0))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_the_least_ring_is_a_circle_at_most(
     bend: float, wide: float, high: float, turn: float
 ) -> None:
@@ -194,7 +194,7 @@ def test_nothing_is_widened_twice() -> None:
 
 
 @given(st.integers(0, 10**6), st.floats(4.0, 16.0))
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 def test_the_validators_widen_alike(seed: int, width: float) -> None:
     rng = np.random.default_rng(seed)
     points = [(int(x), int(y)) for x, y in rng.integers(10, 120, (4, 2))]

@@ -154,7 +154,7 @@ finite = st.floats(-1.0, 1.0, allow_subnormal=True)
 point = st.tuples(finite, finite, st.floats(-0.5, 1.0))
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     points=st.lists(point, min_size=2, max_size=6),
     log_scale=st.integers(-6, 6),

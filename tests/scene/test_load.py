@@ -243,7 +243,7 @@ scenes = st.builds(
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(scene=scenes)
 def test_what_is_written_reads_back_the_same(scene: Scene) -> None:
     import tomllib

@@ -174,7 +174,7 @@ def test_noise_is_filled_at_the_tubes_own_scale() -> None:
     assert 1 <= len(found.curves) < 100
 
 
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=4)
 @given(seed=st.lists(st.integers(0, 2**31), min_size=1, max_size=1))
 @example(seed=[2613, 1])  # whose inset once crossed itself
 @pytest.mark.slow
@@ -276,7 +276,7 @@ def test_pieces_are_joined_into_one_knot() -> None:
 
 
 @given(st.integers(0, 10**6))
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 def test_any_tree_of_strokes_is_gone_around(seed: int) -> None:
     rng = np.random.default_rng(seed)
     places, lines = [np.zeros(2)], []
