@@ -1,5 +1,6 @@
 """What all tests share: the locale, and how they are dealt out to several workers."""
 
+import copy
 import gc
 import locale
 import os
@@ -9,9 +10,12 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import cyclopts
 import pytest
 from hypothesis import settings
+from PIL import Image
 
+from knotfab.base import limited
 from knotfab.base.pool import Workers
 from knotfab.hold import modeller
 from knotfab.pipeline import verifier
@@ -81,6 +85,45 @@ def _draw_small() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for module in ("text", "svg.render"):
             patch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 512)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _read_here() -> Iterator[None]:
+    """Pictures are read in this process: a copy of one so large takes longer than to read most of them.
+
+    Tests of strangers' files, and of limits, ask for `copies`.
+    """
+    Image.init()  # else each copy would load all of Pillow's readers
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(limited, "_is_copy", True)
+        yield
+
+
+@pytest.fixture
+def copies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read strangers' files in limited copies of this process, as a build does."""
+    monkeypatch.setattr(limited, "_is_copy", False)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _list_arguments_once() -> Iterator[None]:
+    """A command's arguments are listed once and copied for each call: listing takes a tenth of a second."""
+    assemble, kept = cyclopts.App.assemble_argument_collection, {}
+
+    def copied(app: cyclopts.App, **given: Any) -> Any:
+        key = id(app), app.default_command, *given.items()
+        if key not in kept:
+            kept[key] = app, assemble(app, **given)
+        listed = kept[key][1]
+        fresh = {id(argument): copy.copy(argument) for argument in listed}
+        for argument in fresh.values():
+            argument.tokens = []
+            argument.children = type(listed)(fresh[id(child)] for child in argument.children)
+        return type(listed)(fresh.values())
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cyclopts.App, "assemble_argument_collection", copied)
         yield
 
 

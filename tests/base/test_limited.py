@@ -14,7 +14,10 @@ from knotfab.base.errors import SceneError
 from knotfab.base.limited import end_copies, run_limited
 from knotfab_formats.errors import InputError
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux makes copies")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="only Linux makes copies"),
+    pytest.mark.usefixtures("copies"),
+]
 
 
 def spin() -> None:

@@ -198,7 +198,8 @@ def test_a_mount_is_printed(
         scene = tmp_path / "scene.toml"
         scene.write_text(in_scene)
         options = [*options, "--scene", str(scene)]
-    refuse(2, "build", bad / "good.png", "--out", tmp_path / "out", *options)
+    call = ["build", bad / "good.png", "--tube-radius", "9", "--out", tmp_path / "out"]
+    refuse(2, *call, *options)
     assert [request.printing for request in asked] == [printing]
 
 
@@ -441,7 +442,7 @@ def test_interrupted_in_the_middle_of_the_search(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "part.stl").write_text("earlier")
-    call = [sys.executable, "-m", "knotfab", "build", "text:♥", "--tube-radius", "2.5"]
+    call = [sys.executable, "-m", "knotfab", "build", "text:♥", "--tube-radius", "5"]
     build = subprocess.Popen(
         [*call, "--accuracy", "fine", "--skip", "shadow-render", "--verbose", "--out", str(out)],
         stdout=subprocess.PIPE,

@@ -16,6 +16,8 @@ from knotfab.base.errors import SceneError
 from knotfab.cli.commands import app
 from knotfab.pipeline.options import BuildOptions, PictureOptions
 
+pytestmark = pytest.mark.usefixtures("copies")
+
 PART = "solid a\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\nendsolid"
 WORDS = (
     "", " ", "-1", "0", "1e308", "-1e308", "1e-300", "nan", "inf", "9" * 5000, "1,2,3", "true", "[" * 3000,

@@ -29,6 +29,8 @@ from knotfab_formats.scene import Scene
 from knotfab_formats.views import Reading, View
 from knotfab_validators.files.picture import read_silhouette
 
+pytestmark = pytest.mark.usefixtures("copies")
+
 H, W = 40, 60
 SHAPE = np.zeros((H, W), dtype=bool)
 SHAPE[8:30, 12:45] = True

@@ -342,6 +342,7 @@ def test_a_build_refuses_before_it_searches() -> None:
         prepare_build(["text:C"], options_from({"bender": "lra"}), "", quiet)
 
 
+@pytest.mark.usefixtures("copies")
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits it")
 def test_a_template_that_never_ends_and_one_that_is_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
