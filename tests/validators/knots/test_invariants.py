@@ -11,10 +11,12 @@ from knot_curves import (
     TREFOIL,
     WHITEHEAD,
     WORDS,
+    Array,
     braid,
     diagram,
     figure_eight,
     mirror,
+    move_randomly,
     powers,
     random_markov,
     ring,
@@ -28,6 +30,7 @@ from knotfab_validators.knots.alexander import (
     colouring_remainder,
     jones_polynomial,
 )
+from knotfab_validators.knots.identity import identify
 from knotfab_validators.knots.invariants import (
     UNKNOT,
     Disagreement,
@@ -49,6 +52,7 @@ from knotfab_validators.knots.planar_diagram import (
     simplify,
 )
 from knotfab_validators.knots.projection import PRIMES, cusp_counts
+from knotfab_validators.knots.reduction import general_position, reduce_polygons
 from knotfab_validators.knots.rerouting import reroute
 
 
@@ -293,3 +297,25 @@ def test_polynomials() -> None:
     for i, j in itertools.product(range(-2, 3), repeat=2):
         product = one.shift(i) * Laurent(0, (2, 1)).shift(j)
         assert powers(product) == {i + j: 2, i + j + 1: -5, i + j + 2: -1, i + j + 3: 1}
+
+
+@pytest.mark.slow
+def test_floer_homology_proves_an_unknot_that_was_not_reduced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    placed = general_position([move_randomly(ring(40, 2.0), 40, 1)])
+    assert placed is not None
+    monkeypatch.setattr(
+        "knotfab_validators.knots.identity.reduce_polygons",
+        lambda polygons, **_: reduce_polygons([]) if not polygons else Unreduced(polygons),
+    )
+    monkeypatch.setattr("knotfab_validators.knots.projection.simplify", lambda diagram: diagram)
+    monkeypatch.setattr("knotfab_validators.knots.identity.reroute", lambda diagram, **_: diagram)
+    found = identify(placed[0])
+    assert [knot.name for knot in found.knots] == ["unknot"] and found.proved
+    assert found.reason == "knot Floer homology of rank 1"
+
+
+class Unreduced:
+    def __init__(self, polygons: list[Array]) -> None:
+        self.polygons, self.vertices = tuple(polygons), sum(map(len, polygons))

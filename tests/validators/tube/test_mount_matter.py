@@ -13,6 +13,7 @@ from knotfab.geometry.tube import sweep
 from knotfab.hold.solids import stand_bodies
 from knotfab.hold.stand import StandSettings, plan_stand
 from knotfab.knots import Knot, Knots
+from knotfab_validators.arrays import Mask
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.part_shadows import shadow_checks
@@ -42,18 +43,23 @@ def on_a_stand(by_mm: float = 0.0) -> Body:
     return stand_bodies([sweep(own.knots[0].points, RADIUS, 96)], mount)[0]
 
 
+@cache
+def shadow() -> Mask:
+    """What the bare ring darkens of its frame."""
+    vertices, faces = sweep(CURVE, RADIUS, 96)
+    seen = verify_view(vertices, faces.astype(np.int64), EMPTY | True, GEOMETRY)
+    across, down = seen.frame.pad_x, seen.frame.pad_y
+    return seen.exact[down:-down, across:-across]
+
+
 def verify(body: Body, *, stand: bool = True) -> VerifiedView:
     """Verify a part against the ring as it should be; the picture is the ring's own shadow."""
     vertices, faces = body
-    bare = sweep(CURVE, RADIUS, 96)
-    picture = verify_view(bare[0], bare[1].astype(np.int64), EMPTY | True, GEOMETRY)
-    target = picture.exact[picture.frame.pad_y : -picture.frame.pad_y]
-    target = target[:, picture.frame.pad_x : -picture.frame.pad_x]
     fine = view_geometry(VIEW, 1024, 1024)  # type: ignore[arg-type]
     return verify_view(
         vertices,
         faces.astype(np.int64),
-        target,
+        shadow(),
         fine,
         polygons=[CURVE],
         radius=RADIUS,
