@@ -63,7 +63,7 @@ def begin_build(page: OpenerDirector, address: str) -> None:
     for path, body in (
         ("text", {"text": "A"}),
         ("choose", {"names": ["A"]}),
-        ("settings", {"accuracy": "fine"}),
+        ("settings", {"accuracy": "fine", "tube_radius": "5"}),
         ("build", {}),
     ):
         page.open(Request(f"{address}/api/{path}", json.dumps(body).encode())).read()

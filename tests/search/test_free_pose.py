@@ -313,9 +313,8 @@ def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
 def test_arches_stand_along_the_axis_of_a_view_found_before(plate: Any) -> None:
     """In a plate the wall stays where the piece ends; the scene has the view, and gives the same knots."""
     target = read_target("text:\u2665")
-    scene = resolve(
-        Scene(search=TINY, piece=Piece(supports="none"), mount=Mount(kind="auto", plate=plate))
-    )
+    piece = Piece(supports="none", tube_radius_mm=5.0)
+    scene = resolve(Scene(search=TINY, piece=piece, mount=Mount(kind="auto", plate=plate)))
     made = design_knots(scene, [target], device="cpu")
     (view,), (ordinary,) = (
         made.scene.views,

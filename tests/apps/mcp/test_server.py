@@ -273,7 +273,7 @@ def test_a_signal_ends_it_in_a_build_which_leaves_nothing(folder: Path) -> None:
         "capabilities": {},
         "clientInfo": {"name": "a", "version": "1"},
     }
-    asked = {"pictures": ["egg.png"], "accuracy": "fine"}
+    asked = {"pictures": ["egg.png"], "accuracy": "fine", "tube_radius": 5.0}
     calls: list[dict[str, Any]] = [
         {"id": 0, "method": "initialize", "params": who},
         {"method": "notifications/initialized"},

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import pickle
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -10,11 +12,12 @@ import numpy as np
 import pytest
 from command import knotfab
 from PIL import Image, ImageDraw
-from played_runs import FakeRunner, FakeStudy
+from played_runs import FakeRunner, FakeStudy, make_run
 from shapely import MultiPolygon
 
-from knotfab.apps.tradeoff.bench import WantedRun, list_rungs, run_all
-from knotfab.apps.tradeoff.measure import Study, facet_error_px, outline_error_px
+from knotfab.apps.tradeoff import bench
+from knotfab.apps.tradeoff.bench import Runner, WantedRun, list_rungs, run_all
+from knotfab.apps.tradeoff.measure import Run, Study, facet_error_px, outline_error_px
 from knotfab.apps.tradeoff.points import PRESET, Point, frontier, list_points
 from knotfab.apps.tradeoff.run import JOURNAL, Tradeoff, measure_tradeoff, print_tradeoff, tradeoff
 from knotfab.base.errors import MachineError, SceneError
@@ -110,16 +113,44 @@ def test_what_is_written_says_what_was_measured(found: Tradeoff, picture: Path) 
     assert again.explored.measured == measured and (out / JOURNAL).read_bytes() == before
 
 
-@pytest.mark.slow
+def _alike(found: Tradeoff, other: Tradeoff) -> bool:
+    """Tell whether both measured the same points, however long each took."""
+    one, two = (
+        [(m.point, m.seconds > 0, *((r.iou, r.faces, r.shadow) for r in m.runs)) for m in measured]
+        for measured in (found.explored.measured, other.explored.measured)
+    )
+    return one == two
+
+
+def test_a_worker_answers_what_is_measured_here(
+    found: Tradeoff, picture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its side of the pipe, in this process: studies are pickled, and runs told in JSON."""
+
+    def play(studies: Sequence[Study], jobs: int) -> Runner:
+        (tmp_path / "studies").write_bytes(pickle.dumps(list(studies)))
+        bench.begin(str(tmp_path / "studies"))
+
+        def run(requests: Iterator[WantedRun]) -> Iterator[tuple[WantedRun, Run]]:
+            for wanted in requests:
+                asked = {"picture": wanted.picture, "settings": wanted.settings.model_dump()}
+                told = bench.answer({**asked, "judge": wanted.turn == 0}, None)
+                yield wanted, Run(**json.loads(json.dumps(told)))
+
+        return run
+
+    monkeypatch.setattr("knotfab.apps.tradeoff.run.run_all", play)
+    out = tmp_path / "out"
+    told = tradeoff(SCENE, [str(picture)], out, chosen=ASKED, jobs=2, combinations=0)
+    assert _alike(found, told) and json.loads((out / "tradeoff.json").read_text())["jobs"] == 2
+
+
+@pytest.mark.study  # its answers are those of the test above, and tests/base has the processes
 def test_points_side_by_side_are_the_same_points(
     found: Tradeoff, picture: Path, tmp_path: Path
 ) -> None:
     beside = tradeoff(SCENE, [str(picture)], tmp_path, chosen=ASKED, jobs=2, combinations=0)
-    for alone, other in zip(found.explored.measured, beside.explored.measured, strict=True):
-        assert alone.point == other.point and other.seconds > 0
-        one, two = alone.runs[0], other.runs[0]
-        assert (one.iou, one.faces, one.shadow) == (two.iou, two.faces, two.shadow)
-    assert json.loads((tmp_path / "tradeoff.json").read_text())["jobs"] == 2
+    assert _alike(found, beside)
 
 
 def _answer(script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,6 +160,29 @@ def _answer(script: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     broken.chmod(0o755)
     monkeypatch.setattr("sys.executable", str(broken))
     list(run_all([cast(Study, None)], 2)(iter([WantedRun(0, QUICK)])))
+
+
+def test_two_processes_share_the_runs_and_the_first_of_a_point_is_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = make_run(1.0, 0.99)
+    asked = tmp_path / "asked"
+    played = tmp_path / "python"
+    told = json.dumps({"answer": run.to_dict()})
+    played.write_text(
+        f'#!/bin/sh\necho "$$ $*" >> {tmp_path}/begun\n'
+        f"while read line; do sleep .2; echo \"$line\" >> {asked}; echo '{told}'; done\n"
+    )
+    played.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(played))
+    wanted = [WantedRun(number, QUICK, turn) for turn in range(3) for number in range(2)]
+    assert dict(run_all([cast(Study, None)] * 2, 2)(iter(wanted))) == dict.fromkeys(wanted, run)
+    requests = [json.loads(line) for line in asked.read_text().splitlines()]
+    judged = sorted((r["picture"], r["judge"]) for r in requests)
+    assert judged == sorted((w.picture, w.turn == 0) for w in wanted)
+    assert all(r["settings"] == QUICK.model_dump() for r in requests)
+    begun = (tmp_path / "begun").read_text().splitlines()
+    assert len(begun) == 2 and all(f" {bench.__name__} " in line for line in begun)
 
 
 def test_a_point_whose_process_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
