@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal
 
 from knotfab.base.pool import count_cores, measure_memory_gb
@@ -68,6 +69,19 @@ for name in sys.argv[1:]:
     else:
         print("+", flush=True)
 """
+# few steps of everything; a lit room has loops of its own
+_FEW_STEPS = """
+[accuracy]
+name = "sketch"
+[room]
+reflectance = 0.3
+[search]
+coarse_iterations = 8
+fine_iterations = 8
+settle_iterations = 8
+depth_candidates = 4
+radius_candidates = 2
+"""
 TORCH_CHILD = """
 import torch
 cuda = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no CUDA device"
@@ -105,24 +119,37 @@ def examine() -> list[Finding]:
 
 
 def run_loops() -> None:
-    """Run every compiled loop once, in the sketch of a bar, so that this process has them loaded."""
+    """Run the compiled loops of a build of one picture once, in the sketch of a bar, to have them loaded."""
     import numpy as np
 
     from knotfab.design.design import design_knots
     from knotfab.picture.read import read_target
     from knotfab.render.part_picture import draw_faces
     from knotfab.scene.catalogue import resolve
+    from knotfab.start.legibility import onlooker_for, stretch_mask
     from knotfab_formats.piece import Accuracy
     from knotfab_formats.scene import Scene
 
     few = {"depth_candidates": 4, "radius_candidates": 2}
-    scene = resolve(Scene(accuracy=Accuracy(name="sketch"), search=few))
-    design_knots(scene, [read_target("text:▬")])
+    scene, bar = resolve(Scene(accuracy=Accuracy(name="sketch"), search=few)), read_target("text:▬")
+    design_knots(scene, [bar])
+    onlooker_for(stretch_mask(bar.mask))  # asked where a piece stands without supports
     draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
 
 
+def _build_two() -> None:
+    """Build a part with two pictures, which are bent and grown into each other, printed and held."""
+    from knotfab.api import build
+
+    with TemporaryDirectory() as folder:
+        scene = Path(folder) / "scene.toml"
+        scene.write_text(_FEW_STEPS, encoding="utf-8")
+        skip = ("slicer", "shadow-render")
+        build(["text:▬", "text:▮"], Path(folder) / "out", scene=scene, print_=True, skip=skip)
+
+
 def compile_loops() -> Finding:
-    """Run every compiled loop, the validators' too, so that the compiled code is cached for all builds."""
+    """Run the compiled loops, the validators' too, so that the compiled code is cached for all builds."""
     from knotfab.base.compiled import count_loops
     from knotfab.base.errors import MachineError
     from knotfab.pipeline.verifier import Files, Verifier
@@ -134,6 +161,7 @@ def compile_loops() -> Finding:
         failed = None
         try:
             validators.result()
+            _build_two()
         except MachineError as error:
             failed = error
     loops, compiled, folder = count_loops()

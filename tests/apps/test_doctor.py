@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import re
 import shutil
 import subprocess
+import sys
 from collections import namedtuple
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import knotfab
+import knotfab_validators
 from knotfab.apps import doctor
 from knotfab.apps.doctor import Finding, examine
 from knotfab.base.compiled import _LOOPS, count_loops
@@ -23,8 +29,17 @@ def by_name(findings: list[Finding]) -> dict[str, Finding]:
 
 
 @pytest.mark.slow
-def test_this_machine() -> None:
+def test_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every library is looked for, the quick ones are imported too; builds import the others."""
+    asked, real = list[str](), doctor._import_errors
+
+    def import_errors(modules: Sequence[str]) -> dict[str, str]:
+        asked.extend(modules)
+        return real([name for name in modules if name in ("numpy", "manifold3d", "lib3mf", "igl")])
+
+    monkeypatch.setattr(doctor, "_import_errors", import_errors)
     findings = examine()
+    assert asked == [module for _, module in doctor.LIBRARIES]
     found = by_name(findings)
     assert len(found) == len(findings)
     for name in ("python", "torch", "numpy", "manifold3d", "lib3mf", "cadquery", "libigl"):
@@ -36,9 +51,11 @@ def test_this_machine() -> None:
 
 
 @pytest.mark.slow
-def test_loops_are_compiled_and_kept() -> None:
+def test_loops_are_compiled_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    builds: list[int] = []
+    monkeypatch.setattr(doctor, "_build_two", lambda: builds.append(1))
     found = doctor.compile_loops()
-    assert found.status == "ok", found
+    assert found.status == "ok" and builds == [1], found
     assert count_loops()[2] in found.detail
     # those called from Python: one that runs inside of them is not loaded by itself once they are kept
     run = {loop.__name__ for loop in _LOOPS if loop.signatures}
@@ -46,10 +63,29 @@ def test_loops_are_compiled_and_kept() -> None:
     assert called <= run
 
 
+@pytest.mark.study
+@pytest.mark.timeout(900)  # everything is compiled anew
+def test_what_is_compiled_later_is_named(tmp_path: Path) -> None:
+    """Loops of a round wall, and those that follow the layers of a part printed without supports."""
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    call = [sys.executable, "-m", "knotfab", "doctor", "--compile"]
+    subprocess.run(call, env=env, check=True, capture_output=True)
+    kept = {path.name.rpartition("-")[0] for path in tmp_path.rglob("*.nbi")}
+    every = {
+        f"{path.stem}.{name}"
+        for package in (knotfab, knotfab_validators)
+        for path in Path(package.__path__[0]).rglob("*.py")
+        for name in re.findall(r"^@compiled\ndef (\w+)", path.read_text("utf-8"), re.MULTILINE)
+    }
+    later = {name for name in every - kept if name.split(".")[0] not in ("growth", "slices")}
+    assert kept and later <= {"base._bend"}
+
+
 @pytest.mark.slow
 def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verifier, "_MODULE", "no_such_validators")
     monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
+    monkeypatch.setattr("knotfab.start.legibility.onlooker_for", lambda *_: None)
     monkeypatch.setattr("knotfab.render.part_picture.draw_faces", lambda *_: None)
     found = doctor.compile_loops()
     assert found.status == "warning" and found.remedy
