@@ -158,7 +158,7 @@ def _has_plain_border(image: Image.Image) -> bool:
 
 
 def _find_sheet(mask: Mask, rgb: NDArray[np.int64]) -> tuple[bool, Box | None]:
-    """Return whether a silhouette may be a sheet that something is drawn on, and a box about that.
+    """Return whether a silhouette may be a sheet that something is drawn on, and the box around that.
 
     A sheet is a rectangle, or any convex shape that is much lighter than what is drawn on it.
     """
