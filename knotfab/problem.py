@@ -208,3 +208,10 @@ class SearchResult(InNotebook):
     def feasible(self) -> bool:
         """True if every limit holds."""
         return not self.feasibility.violations
+
+    def add_work(self, earlier: SearchResult) -> None:
+        """Add the calls and seconds that an earlier search spent on limits and effects."""
+        for name, guard in earlier.guards.items():
+            self.guards[name].add(guard)
+        for name, decision in earlier.effects.items():
+            self.effects[name].add(decision)

@@ -23,8 +23,6 @@ from knotfab.pipeline.options import (
 from knotfab_formats.errors import InputError
 
 if TYPE_CHECKING:
-    from knotfab.apps.compare.compare import Comparison
-    from knotfab.apps.compare.fix import Fix
     from knotfab.apps.doctor import Finding
     from knotfab.design.readings import TriedReading
     from knotfab.design.survey import Survey
@@ -239,10 +237,9 @@ def compare(
         Print the figures as JSON.
     """
     from knotfab.apps.compare.compare import compare_photo, write_comparison
+    from knotfab.apps.compare.fix import plan_fix, print_comparison, write_click_page
 
     if click:
-        from knotfab.apps.compare.fix import write_click_page
-
         page, more = out.with_suffix(".html"), [] if view is None else ["--view", view]
         command = ["knotfab", "compare", str(photo), str(folder), *more, "--out", str(out)]
         write_click_page(photo, command, page)
@@ -251,12 +248,8 @@ def compare(
         return 0
     found = compare_photo(photo, folder, corners, view)
     write_comparison(found, out)
-    plan = None
-    if fix or build:
-        from knotfab.apps.compare.fix import plan_fix
-
-        plan = plan_fix(found, folder, view)
-    _print_comparison(found, out, json, plan)
+    plan = plan_fix(found, folder, view) if fix or build else None
+    print_comparison(found, out, json, plan)
     if plan is None or not build:
         return 1 if found.alike is False else 0
     from knotfab.cli.commands import build as build_part
@@ -265,28 +258,6 @@ def compare(
     place = folder.resolve()
     options = BuildOptions(scene=plan.scene, out=place.with_name(f"{place.name}-fixed"), quiet=json)
     return build_part(options=options)
-
-
-def _print_comparison(
-    found: Comparison, picture: Path, json: bool, plan: Fix | None = None
-) -> None:
-    import json as codec
-
-    from knotfab.apps.compare.compare import advise
-    from knotfab.apps.compare.fix import tell_fix
-    from knotfab.report.summary import tell_share
-
-    if json:
-        fix = {} if plan is None else {"fix": plan.to_dict()}
-        print(codec.dumps({**found.to_dict(), "picture": str(picture), **fix}))
-        return
-    lost = f": {found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled"
-    print(f"{tell_share(found.iou)} alike{'' if found.alike is False else lost}.")
-    if advice := advise(found):
-        print(f"  {advice}")
-    for line in () if plan is None else tell_fix(plan, found):
-        print(f"  {line}")
-    print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
 
 
 @with_examples("""Examples:

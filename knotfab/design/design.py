@@ -136,9 +136,9 @@ def design_knots(
             progress.say("a strand stands out of the picture: searched again from parted sides")
             again, past = _watch(walk, parted, progress)
             if is_better(result, again):
-                add_work(result, again)
+                result.add_work(again)
             else:
-                add_work(again, result)
+                again.add_work(result)
                 start, result, history = parted, again, past
         for _ in range(_BRACINGS if pace is None else 0):
             braced = start_with_more_legs(problem, result, start)
@@ -147,13 +147,13 @@ def design_knots(
             again, past = _watch(walk, braced, progress)
             if result.feasible and not again.feasible:
                 break
-            add_work(again, result)
+            again.add_work(result)
             start, result, history = braced, again, past
         unmet = None if result.feasible else result
         if unmet is not None:
             result = search_sparser(problem, radius, knots, settings, device) or unmet
             if result is not unmet:
-                add_work(result, unmet)
+                result.add_work(unmet)
     if settings.free_view:
         question = question.seen_from(result.views, targets)
     made = replace(
@@ -294,14 +294,6 @@ def settle_design(question: Question, result: SearchResult, settings: SearchSett
         start_json,
         bounds=question.bounds,
     )
-
-
-def add_work(result: SearchResult, earlier: SearchResult) -> None:
-    """Add to a result the calls and seconds that an earlier search spent on limits and effects."""
-    for name, guard in earlier.guards.items():
-        result.guards[name].add(guard)
-    for name, decision in earlier.effects.items():
-        result.effects[name].add(decision)
 
 
 def choose_tube(

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
-from knotfab.design.design import add_work
 from knotfab.design.film_motion import Anchor, Tautness, outline_motion, transport
 from knotfab.geometry.carry import Carried, carry
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
@@ -21,7 +20,7 @@ from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.search.flow import FlowSettings, Phase, Plan, repair_phase, three_phases
 from knotfab.search.objective import Term
 from knotfab.search.search import search
-from knotfab.start.depth import lower
+from knotfab.start.profiles import lower
 from knotfab_formats.search import SearchSettings
 
 _FAR = 2.0  # distance, in tube radii, at which a strand no longer feels the silhouette
@@ -174,7 +173,7 @@ def finish_frame(
         log=log,
         device=device,
     )
-    add_work(result, earlier)
+    result.add_work(earlier)
     return FrameResult(result, _beyond(result, anchors))
 
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from knotfab.design.candidates import line_width
 from knotfab.picture.opening import is_thin, thicken
 from knotfab.picture.raster import check_shape
-from knotfab.picture.read import Target, name_picture
+from knotfab.picture.read import Target
 from knotfab.picture.silhouette import count_dust, drop_specks
+from knotfab.picture.source import name_picture
 from knotfab.scene.camera import find_aligned
 from knotfab_formats.bounds import why_out_of_bounds
 from knotfab_formats.errors import InputError

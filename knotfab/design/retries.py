@@ -20,8 +20,8 @@ from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.search.search import search
 from knotfab.search.upright import FLANK_DEG
 from knotfab.start.arches import LOWEST_ARCH_RADII
-from knotfab.start.depth import lift, lower
 from knotfab.start.filling import Template
+from knotfab.start.profiles import lift, lower
 from knotfab.start.start import make_start
 from knotfab_formats.report import Price
 from knotfab_formats.scene import SettledRegion

@@ -307,3 +307,13 @@ def _over_air(strands: Strands, at: Array, bottom: Array, layer: float) -> tuple
             way = np.linalg.norm(np.roll(place, -step, axis=0) - place, axis=1)[flat]
             longest = max(longest, float(way.max()))
     return starts, longest
+
+
+def turn_upwards() -> Array:
+    """Return rotations whose upward directions are the axes and the diagonals between two, (18, 3, 3)."""
+    ups = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
+    ups = ups[np.isin(np.abs(ups).sum(1), (1, 2))]
+    ups /= np.linalg.norm(ups, axis=1)[:, None]
+    side = np.cross(ups, np.eye(3)[np.abs(ups).argmin(1)])
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    return np.stack([side, np.cross(ups, side), ups], axis=1)

@@ -15,15 +15,8 @@ from PIL import Image, ImageSequence
 from knotfab.base.disk import at_home, require_within
 from knotfab.base.limited import run_limited
 from knotfab.picture.raster import own_box
-from knotfab.picture.read import (
-    PICTURE_SUFFIXES,
-    PLAIN,
-    Target,
-    is_picture,
-    name_picture,
-    read_image,
-    read_target,
-)
+from knotfab.picture.read import PLAIN, Target, read_image, read_target
+from knotfab.picture.source import PICTURE_SUFFIXES, is_picture, name_picture
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Reading
 

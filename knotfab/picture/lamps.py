@@ -25,8 +25,9 @@ from scipy.ndimage import (
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.picture.raster import crop_image, encode_image
-from knotfab.picture.read import Target, name_picture, read_image
+from knotfab.picture.read import Target, read_image
 from knotfab.picture.silhouette import resample_mask
+from knotfab.picture.source import name_picture
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.libraries import took_part
 from knotfab_formats.scene import ResolvedScene
@@ -36,8 +37,7 @@ _GREY = 0.04  # chroma below which a pixel is grey (a pure red has 0.26)
 _COLOURED = 0.002  # least share of coloured pixels
 _SAME = 0.06  # two mixtures nearer to each other than this in OKLab look alike
 _FLAT = 0.05  # sRGB difference between neighbours below which a pixel lies in a flat colour
-# a share of the longer side: spots smaller than a square so wide join their surroundings
-_SPECK = 0.008
+_SPECK = 0.008  # share of the longer side: spots below a square so wide join their surroundings
 # a picture is a photograph where this share of its pixels differs by the grain (sRGB) from its neighbours
 _GRAIN, _PHOTOGRAPH = 0.02, 0.35
 _FLATTENED = 0.1  # weight of total variation: grain of sigma 6 of 255 goes, and edges stay

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import re
-import unicodedata
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +21,7 @@ from knotfab.picture.ground import guess_reading
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import pieces_of, smooth
 from knotfab.picture.source import (
+    DRAWN_SUFFIXES,
     SECONDS,
     TEXT_PREFIX,
     bare_glimpse,
@@ -32,7 +29,10 @@ from knotfab.picture.source import (
     glimpse,
     glimpse_further,
     look_at,
+    name_picture,
+    plain_name,
     read_source,
+    title_of,
 )
 from knotfab.picture.subject import take_subject
 from knotfab.picture.svg.letters import Letter
@@ -41,11 +41,8 @@ from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Box, Reading
 
-_DRAWN = (".svg", ".svgz")
-PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), _DRAWN))
 PLAIN = Reading()
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
-_MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name: file systems hold it with prefixes and suffixes
 # frames of an animation, and px of all of them, searched for the first with a shape: some 8 CPU s
 _MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
 _MOST_NAMED = 12  # letters in one sentence
@@ -168,36 +165,6 @@ class Target(InNotebook):
         return self.name + self.suffix
 
 
-def plain_name(raw: str, fallback: str) -> str:
-    """Reduce `raw` to letters, digits, signs of any script, "_" and "-"; `fallback` if none is left.
-
-    A longer one ends in a digest of the whole, so that two that begin alike stay different.
-    """
-    signs = unicodedata.normalize("NFC", raw)
-    kept = (
-        c if (c.isalnum() if c < "\x80" else c.isprintable()) or c in "_-" else " " for c in signs
-    )
-    plain = re.sub("-* [- ]*", "-", "".join(kept)).strip("-")
-    if len(plain) > _MOST_SIGNS or len(plain.encode()) > _MOST_BYTES:
-        which = hashlib.sha256(raw.encode("utf-8", "surrogatepass")).hexdigest()[:7]
-        plain = plain[: _MOST_SIGNS - 8].encode()[: _MOST_BYTES - 8].decode("utf-8", "ignore")
-        plain += f"-{which}"
-    return plain or fallback
-
-
-def name_picture(source: str) -> str:
-    """Return the name that a picture's target will have (`plain_name`)."""
-    if source.startswith(TEXT_PREFIX):
-        content = source.removeprefix(TEXT_PREFIX)
-        return plain_name(content, "-".join(["text", *(f"{ord(c):x}" for c in content[:4])]))
-    return plain_name(Path(source).stem, "picture")
-
-
-def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool:
-    """Return whether a file is named like a picture; hidden files are not pictures."""
-    return path.suffix.lower() in suffixes and not path.name.startswith(".")
-
-
 def read_target(
     source: str | Path,
     reading: Reading = PLAIN,
@@ -239,11 +206,11 @@ def _read_target(
             Letter(k, sign, begin + left * (end - begin), 0.0, begin + right * (end - begin), 1.0)
             for k, (sign, left, right) in enumerate(text.find_letters(content, font))
         )
-        return replace(target, is_text=True, letters=letters, title=_titled(content.strip()))
+        return replace(target, is_text=True, letters=letters, title=title_of(content.strip()))
     data, path = read_source(source, base)
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")
-    if not raster.looks_like_raster(data) and (suffix in _DRAWN or looks_like_svg(data)):
+    if not raster.looks_like_raster(data) and (suffix in DRAWN_SUFFIXES or looks_like_svg(data)):
         png, notes, letters = render_svg(data, what)
         try:
             target = _take_target(png, what, name, "", reading, glance, path.parent)
@@ -258,15 +225,10 @@ def _read_target(
             Letter(number, name, *((np.reshape(box, (2, 2)) - (left, top)) / (wide, high)).flat)
             for number, name, *box in letters
         )
-        title = _titled(path.stem)
+        title = title_of(path.stem)
         return replace(target, notes=notes + target.notes, letters=there, title=title)
     found = _take_target(data, what, name, suffix, reading, glance, path.parent)
-    return replace(found, title=_titled(path.stem))
-
-
-def _titled(given: str) -> str:
-    """Return a name as given if it is short and can be shown, else ""."""
-    return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
+    return replace(found, title=title_of(path.stem))
 
 
 def read_image(source: str | Path, *, base: Path | None = None) -> Image.Image:
@@ -284,7 +246,7 @@ def _read_image(source: str | Path, base: Path | None) -> Image.Image:
         data = text.render_text(source.removeprefix(TEXT_PREFIX))
     else:
         data, path = read_source(source, base)
-        drawn = path.suffix.lower() in _DRAWN or looks_like_svg(data)
+        drawn = path.suffix.lower() in DRAWN_SUFFIXES or looks_like_svg(data)
         if not raster.looks_like_raster(data) and drawn:
             data = render_svg(data, what)[0]
     return raster.to_plain(raster.decode(data, what)[0])

@@ -1,10 +1,14 @@
-"""The file that a picture is read from, and a glimpse of it: decoded once for many readings, and shrunk."""
+"""The file that a picture is read from: its name, its bytes, and a glimpse of it, decoded once and shrunk."""
 
 from __future__ import annotations
 
+import hashlib
 import re
+import unicodedata
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -18,11 +22,49 @@ from knotfab.picture.ground import plain_ground
 from knotfab_formats.errors import InputError, shown
 
 TEXT_PREFIX = "text:"
+DRAWN_SUFFIXES = (".svg", ".svgz")
+PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), DRAWN_SUFFIXES))
+_MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name: file systems hold it with prefixes and suffixes
 SECONDS = 60  # processor time in which a picture is read
 _MISSING = "Check the path, or write text:… for a word or a glyph."
 _LARGE = 1 << 20  # bytes from which a file is kept for the next reading of it
 _last: dict[bytes, Glimpse] = {}
 _last_file: dict[tuple[int, ...], bytes] = {}  # the last large one
+
+
+def plain_name(raw: str, fallback: str) -> str:
+    """Reduce `raw` to letters, digits, signs of any script, "_" and "-"; `fallback` if none is left.
+
+    A longer one ends in a digest of the whole, so that two that begin alike stay different.
+    """
+    signs = unicodedata.normalize("NFC", raw)
+    kept = (
+        c if (c.isalnum() if c < "\x80" else c.isprintable()) or c in "_-" else " " for c in signs
+    )
+    plain = re.sub("-* [- ]*", "-", "".join(kept)).strip("-")
+    if len(plain) > _MOST_SIGNS or len(plain.encode()) > _MOST_BYTES:
+        which = hashlib.sha256(raw.encode("utf-8", "surrogatepass")).hexdigest()[:7]
+        plain = plain[: _MOST_SIGNS - 8].encode()[: _MOST_BYTES - 8].decode("utf-8", "ignore")
+        plain += f"-{which}"
+    return plain or fallback
+
+
+def name_picture(source: str) -> str:
+    """Return the name that a picture's target will have (`plain_name`)."""
+    if source.startswith(TEXT_PREFIX):
+        content = source.removeprefix(TEXT_PREFIX)
+        return plain_name(content, "-".join(["text", *(f"{ord(c):x}" for c in content[:4])]))
+    return plain_name(Path(source).stem, "picture")
+
+
+def is_picture(path: Path, suffixes: Collection[str] = PICTURE_SUFFIXES) -> bool:
+    """Return whether a file is named like a picture; hidden files are not pictures."""
+    return path.suffix.lower() in suffixes and not path.name.startswith(".")
+
+
+def title_of(given: str) -> str:
+    """Return a name as given if it is short and can be shown, else ""."""
+    return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,8 @@ from knotfab.design.frames import (
 from knotfab.design.walls import flatten_targets
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
 from knotfab.picture.raster import GLANCE
-from knotfab.picture.read import Target, plain_name, read_targets
-from knotfab.picture.source import TEXT_PREFIX
+from knotfab.picture.read import Target, read_targets
+from knotfab.picture.source import TEXT_PREFIX, plain_name
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps

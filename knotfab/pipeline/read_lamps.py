@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from knotfab.base.progress import Progress
 from knotfab.design.frames import name_views, size_longer, widen_targets
-from knotfab.picture.read import Target, name_picture, plain_name, read_targets
-from knotfab.picture.source import read_bytes
+from knotfab.picture.read import Target, read_targets
+from knotfab.picture.source import name_picture, plain_name, read_bytes
 from knotfab.pipeline.options import BuildOptions
 from knotfab.scene.load import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
 from knotfab.scene.require import require_several, require_start, require_tube

@@ -250,7 +250,7 @@ class CurvedWall:
         return self.foot + local @ self.axes, normal @ self.axes
 
     def before(self, turn: Array | float) -> Array:
-        """Return how far this wall stands in front of the flat one at angle `turn`, mm, without cancellation."""
+        """Return how far in front of the flat wall this one is at angle `turn`, mm, without cancellation."""
         return np.asarray(2 * self.radius * np.sin(0.5 * turn) ** 2)
 
     def touching(self, points: Array) -> Array:

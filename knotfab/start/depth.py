@@ -20,7 +20,7 @@ from knotfab.base.compiled import compiled
 from knotfab.effects.misplacement import Steadying
 from knotfab.effects.penumbra import Sharpening
 from knotfab.geometry.legs import find_legs, plan_bars
-from knotfab.geometry.overhang import Rules, strands_along, support_cm3
+from knotfab.geometry.overhang import Rules, strands_along, support_cm3, turn_upwards
 from knotfab.geometry.polylines import arc_lengths, pair_nearby, sample_evenly, split_alike
 from knotfab.problem import DepthChoice
 from knotfab.start.arches import Arches, draw_arches, fold_of, highest_mm
@@ -33,7 +33,7 @@ from knotfab.start.legibility import (
     onlooker_for,
     turns_aside,
 )
-from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief
+from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief, lift, lower
 
 AnyProfile = Profile | Relief | Arches
 
@@ -54,16 +54,6 @@ _FREE_LEG = 0.03  # weight of a leg that sways, against legibility
 _TURNS = 3  # turns to the bed, in which supports are weighed: the best of the first profiles
 
 
-def lift(curve: Array, depth: Array, light_distance: float) -> Array:
-    """Move points (n, 2) of the plane z = 0 along their rays to height `depth`; (n, 3)."""
-    return np.column_stack([curve * (1.0 - depth / light_distance)[:, None], depth])
-
-
-def lower(points: Array, light_distance: float) -> Array:
-    """Project points (..., 3) from the light onto the plane z = 0, (..., 2); the inverse of `lift`."""
-    return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light_distance))
-
-
 def _overlapping(samples: tuple[Array, ...], radius: float) -> tuple[Indices, Indices]:
     """Return pairs of samples that hide each other from the light and so must differ in depth."""
     pairs, along = pair_nearby(samples, 1.85 * radius)
@@ -81,16 +71,6 @@ def _count_close(points: Array, one: Indices, other: Indices, reach: float) -> i
             square += (points[one[p], k] - points[other[p], k]) ** 2
         found += square < reach * reach
     return found
-
-
-def _turns() -> Array:
-    """Return rotations whose upward directions are the axes and the diagonals between two, (18, 3, 3)."""
-    ups = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
-    ups = ups[np.isin(np.abs(ups).sum(1), (1, 2))]
-    ups /= np.linalg.norm(ups, axis=1)[:, None]
-    side = np.cross(ups, np.eye(3)[np.abs(ups).argmin(1)])
-    side /= np.linalg.norm(side, axis=1)[:, None]
-    return np.stack([side, np.cross(ups, side), ups], axis=1)
 
 
 @dataclass(frozen=True)
@@ -115,7 +95,7 @@ class _Judge:
     sharpening: Sharpening | None = None
     lanes: tuple[Array, ...] | None = None
     arched: bool = False  # strands stand on a floor, in arches
-    turns: Array = field(default_factory=_turns)
+    turns: Array = field(default_factory=turn_upwards)
     sides: list[int] = field(default_factory=lambda: [0, 1, 2, 3])  # the most telling side first
     least: float = inf  # least weighted support so far
 

@@ -17,10 +17,11 @@ from knotfab.effects.penumbra import PENUMBRA, Sharpening
 from knotfab.geometry.polylines import arc_lengths, sample_evenly
 from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.camera import light_of
-from knotfab.start.depth import choose_depth, lift, lower
+from knotfab.start.depth import choose_depth
 from knotfab.start.filling import Template, fill, simple_curves
 from knotfab.start.lanes import assign_lanes, part_passes
 from knotfab.start.legibility import stretch_mask
+from knotfab.start.profiles import lift, lower
 from knotfab_formats.search import SearchSettings
 
 _FLAT_RADII = (

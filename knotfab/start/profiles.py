@@ -116,3 +116,13 @@ def draw_profile(
     return Profile(
         tuple(rng.normal(size=(2, n)) for n in counts), rng.normal(size=len(arcs)), shortest
     )
+
+
+def lift(curve: Array, depth: Array, light_distance: float) -> Array:
+    """Move points (n, 2) of the plane z = 0 along their rays to height `depth`; (n, 3)."""
+    return np.column_stack([curve * (1.0 - depth / light_distance)[:, None], depth])
+
+
+def lower(points: Array, light_distance: float) -> Array:
+    """Project points (..., 3) from the light onto the plane z = 0, (..., 2); the inverse of `lift`."""
+    return np.asarray(points[..., :2] / (1.0 - points[..., 2:] / light_distance))

@@ -25,7 +25,7 @@ from shapely import MultiPoint, MultiPolygon
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.polylines import arc_lengths, points_at
-from knotfab.start.depth import lower
+from knotfab.start.profiles import lower
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import BRAIDS, NO_SUCH_KNOT, Factor
 

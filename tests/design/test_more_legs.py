@@ -12,7 +12,7 @@ from knotfab.base.arrays import Array
 from knotfab.design.retries import start_with_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.problem import Start
-from knotfab.start.depth import lower
+from knotfab.start.profiles import lower
 
 RADIUS, LIGHT, PLA = 1.66, 600.0, 2300.0
 

@@ -20,9 +20,9 @@ from knotfab.base import limited
 from knotfab.base.disk import confined
 from knotfab.design.readings import try_readings
 from knotfab.picture import raster, read
-from knotfab.picture.read import Target, name_picture, read_target, read_targets
+from knotfab.picture.read import Target, read_target, read_targets
 from knotfab.picture.silhouette import mask_iou
-from knotfab.picture.source import read_bytes
+from knotfab.picture.source import name_picture, read_bytes
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import Scene

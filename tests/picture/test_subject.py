@@ -32,7 +32,7 @@ from knotfab_formats.errors import InputError, KnotfabError
 from knotfab_formats.views import Reading, View
 from knotfab_validators.files.picture import PictureError, read_silhouette
 from knotfab_validators.files.scene import read_scene as read_built
-from knotfab_validators.shadows.photograph import edges_drawn
+from knotfab_validators.shadows.compare import edges_drawn
 from knotfab_validators.shadows.verdict_rules import judge_cut_out
 
 # a rectangle, discs that belong, discs that do not, and the outline by hand

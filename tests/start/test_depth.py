@@ -22,7 +22,7 @@ from knotfab.picture.silhouette import mask_iou
 from knotfab.problem import DepthChoice, Problem, Start
 from knotfab.scene.camera import camera_of
 from knotfab.start.arches import draw_arches, fold_of
-from knotfab.start.depth import _Judge, choose_depth, lift
+from knotfab.start.depth import _Judge, choose_depth
 from knotfab.start.filling import Template, fill
 from knotfab.start.lanes import part_sides
 from knotfab.start.legibility import (
@@ -37,7 +37,7 @@ from knotfab.start.legibility import (
     turns_aside,
 )
 from knotfab.start.lift import lift_template
-from knotfab.start.profiles import draw_profile, draw_relief, sum_waves
+from knotfab.start.profiles import draw_profile, draw_relief, lift, sum_waves
 from knotfab_formats.search import PRESETS
 from knotfab_formats.views import Switch
 

@@ -17,9 +17,9 @@ from shapely import LinearRing, LineString, MultiPolygon, Point, Polygon, box
 from benchmarks.hard.pictures import HardPicture, circle, hard_pictures
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.picture.silhouette import trace_polygon
-from knotfab.start.depth import lift
 from knotfab.start.filling import enlarge_loops, fill, rings_of, simple_curves, template_iou
 from knotfab.start.lanes import assign_lanes, part_passes
+from knotfab.start.profiles import lift
 from knotfab.start.strokes import follow_strokes
 
 DISC = Point(0, 0).buffer(50, quad_segs=64)

@@ -23,8 +23,8 @@ from knotfab.pipeline.read_options import read_scene
 from knotfab.problem import Problem, Start
 from knotfab.scene.catalogue import asked_for, resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab.start.depth import lift
 from knotfab.start.filling import fill, simple_curves
+from knotfab.start.profiles import lift
 from knotfab.start.start import tie_knot
 from knotfab.start.tie import KnotRoom, Tied, _poses, _sites, _splice, load_knot, tie
 from knotfab.start.tone import draw_tones, shortest_tour, spread_points

@@ -25,8 +25,8 @@ from knotfab_validators.shadows.part_shadows import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.tube.clearance import check_clearance
-from knotfab_validators.tube.mount_members import strand_faces
 from knotfab_validators.tube.region import check_build_volume, check_region
+from knotfab_validators.tube.solid_matter import strand_faces
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_tube
 from tests.corpus.broken import broken, broken_parts

@@ -31,8 +31,9 @@ from knotfab_validators.printing.standing import check_level
 from knotfab_validators.printing.upright import Upright
 from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
-from knotfab_validators.tube.mount_members import check_mount, strand_faces
+from knotfab_validators.tube.mount_members import check_mount
 from knotfab_validators.tube.region import check_build_volume, check_region
+from knotfab_validators.tube.solid_matter import strand_faces
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
 from knotfab_validators.tube.tube_fit import check_cut, check_tube, measure_proud
 

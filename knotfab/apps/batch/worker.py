@@ -20,8 +20,7 @@ from knotfab.base.errors import why_of
 from knotfab.base.folder import OutputFolder
 from knotfab.base.moves import REJECTED
 from knotfab.base.pool import ONE_THREAD, Crash, Workers, count_jobs
-from knotfab.picture.read import is_picture, name_picture
-from knotfab.picture.source import TEXT_PREFIX
+from knotfab.picture.source import TEXT_PREFIX, is_picture, name_picture
 from knotfab.pipeline.options import BuildOptions
 from knotfab.report.summary import told_iou
 from knotfab_formats.errors import InputError, shown, spelled

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -95,6 +96,23 @@ def tell_fix(fix: Fix, found: Comparison) -> list[str]:
     if ways:
         said.append(f"It belongs {' and '.join(ways)} of where this one is, before the lamp.")
     return said
+
+
+def print_comparison(
+    found: Comparison, picture: Path, as_json: bool, plan: Fix | None = None
+) -> None:
+    """Print how like the picture a photographed shadow is, and what would help; `picture` shows it."""
+    if as_json:
+        fix = {} if plan is None else {"fix": plan.to_dict()}
+        print(json.dumps({**found.to_dict(), "picture": str(picture), **fix}))
+        return
+    lost = f": {found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled"
+    print(f"{tell_share(found.iou)} alike{'' if found.alike is False else lost}.")
+    if advice := advise(found):
+        print(f"  {advice}")
+    for line in () if plan is None else tell_fix(plan, found):
+        print(f"  {line}")
+    print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
 
 
 def _shift_along_wall(knots: Knots, camera: Camera, eye: Array) -> Knots:

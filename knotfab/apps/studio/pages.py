@@ -25,7 +25,7 @@ from knotfab.apps.studio.fields import FIELDS
 from knotfab.apps.studio.pictures import thumbnail
 from knotfab.base.moves import REJECTED
 from knotfab.picture.fonts import list_families
-from knotfab.picture.read import PICTURE_SUFFIXES
+from knotfab.picture.source import PICTURE_SUFFIXES
 from knotfab.report.page import VIEWER
 from knotfab.scene.catalogue import Kind, materials, printers, title_of
 from knotfab_formats.piece import Printer

@@ -19,8 +19,8 @@ from knotfab.base.disk import write_whole
 from knotfab.base.limited import run_limited
 from knotfab.picture import raster, text
 from knotfab.picture.raster import encode_image
-from knotfab.picture.read import MOVING, name_picture
-from knotfab.picture.source import SECONDS, TEXT_PREFIX
+from knotfab.picture.read import MOVING
+from knotfab.picture.source import SECONDS, TEXT_PREFIX, name_picture
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab.pipeline.options import BuildOptions

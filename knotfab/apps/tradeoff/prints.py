@@ -19,7 +19,7 @@ from knotfab.base.disk import write_whole
 from knotfab.base.errors import MachineError, SceneError
 from knotfab.base.progress import Progress
 from knotfab.part.slicer_process import REMEDY, find_slicer
-from knotfab.picture.read import plain_name
+from knotfab.picture.source import plain_name
 from knotfab_formats.errors import InputError
 
 Options = dict[str, Any]

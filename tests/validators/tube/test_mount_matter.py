@@ -19,7 +19,7 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.part_shadows import shadow_checks
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import view_geometry
-from knotfab_validators.tube.mount_members import strand_faces, tube_vertices
+from knotfab_validators.tube.solid_matter import strand_faces, tube_vertices
 from knotfab_validators.tube.tube_fit import check_tube
 from tests.hold.test_stand import ONE, PLA
 

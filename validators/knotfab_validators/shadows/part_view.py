@@ -18,7 +18,14 @@ from knotfab_validators.files.colours import Bent, bend_of, bend_silhouette
 from knotfab_validators.files.picture import read_greys, read_silhouette, widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.shadows.compare import Tone, depth_ratio, measure_tone, overlap, receive
+from knotfab_validators.shadows.compare import (
+    Tone,
+    depth_ratio,
+    edges_drawn,
+    measure_tone,
+    overlap,
+    receive,
+)
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.lamp import SoftShadow, averages_lamp, lamp_size, measure_penumbra
@@ -30,7 +37,6 @@ from knotfab_validators.shadows.misplacement import (
     parting_px,
     shows_layers,
 )
-from knotfab_validators.shadows.photograph import edges_drawn
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.topology import label_regions

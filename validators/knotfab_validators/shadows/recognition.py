@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from knotfab_validators.shadows.topology import (
     close_slits,
     count_repeated,
     count_touching,
+    enlarge_box,
     find_changes,
     label_regions,
     list_pieces,
@@ -170,9 +171,9 @@ def _compare_on_grid(
         legs=legs,
         wanted=wanted,
         there=there,
-        changes=[_enlarged(change, step) for change in (*found, *misshapen)],
-        features=[_enlarged_box(box, step) for box in list_pieces(wanted, reach)],
-        tips=[_enlarged(tip, step) for tip in _find_tips(there, own, TIP * radius)],
+        changes=[change.enlarged(step) for change in (*found, *misshapen)],
+        features=[enlarge_box(box, step) for box in list_pieces(wanted, reach)],
+        tips=[tip.enlarged(step) for tip in _find_tips(there, own, TIP * radius)],
         spared=float(spill.sum() / (seen | wanted).sum()),
     )
 
@@ -285,23 +286,10 @@ def _is_lost(change: Change) -> bool:
 
 def _length_px(change: Change) -> float:
     """Return the apparent length of a change: a tip's reach, else the longer side of its box."""
+    if change.kind == "tip":
+        return change.width_px
     left, top, right, bottom = change.box
-    return (
-        change.width_px
-        if change.kind == "tip"
-        else max(right - left, bottom - top, change.width_px)
-    )
-
-
-def _enlarged(change: Change, step: int) -> Change:
-    u, v = change.where
-    where, box = (u * step, v * step), _enlarged_box(change.box, step)
-    return replace(change, where=where, width_px=change.width_px * step, box=box)
-
-
-def _enlarged_box(box: Box, step: int) -> Box:
-    left, top, right, bottom = box
-    return left * step, top * step, right * step, bottom * step
+    return max(right - left, bottom - top, change.width_px)
 
 
 def _extent(change: Change) -> Box:

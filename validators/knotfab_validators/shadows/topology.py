@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeVar
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,11 @@ _EIGHT = np.ones((3, 3), dtype=bool)  # pieces connect at corners, so holes and 
 _FOUR = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 
 
+def enlarge_box(box: Box, step: int) -> Box:
+    left, top, right, bottom = box
+    return left * step, top * step, right * step, bottom * step
+
+
 @dataclass(frozen=True)
 class Change:
     """One difference of topology.
@@ -40,6 +45,12 @@ class Change:
     where: tuple[float, float]
     width_px: float
     box: Box
+
+    def enlarged(self, step: int) -> Self:
+        """Return the change as it is on a grid `step` times as fine."""
+        u, v = self.where
+        where, box = (u * step, v * step), enlarge_box(self.box, step)
+        return replace(self, where=where, width_px=self.width_px * step, box=box)
 
 
 SomeChange = TypeVar("SomeChange", bound=Change)

@@ -19,7 +19,7 @@ from knotfab_validators.shadows.outlines import WrongStretch, find_wrong_stretch
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.tube_field import OutlineError, outline_error, tube_field
 from knotfab_validators.shadows.view import ViewGeometry
-from knotfab_validators.tube.mount_members import tube_vertices
+from knotfab_validators.tube.solid_matter import tube_vertices
 
 NAMED_AT = ("45",)  # degrees to the side, from where the picture's own outline is no longer seen
 

@@ -1,4 +1,4 @@
-"""Measure whether matter fills a convex solid but for its openings, and the plate in which a piece stands."""
+"""Tell the tube's matter from the mount's; measure whether matter fills solids and the plate of a piece."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 import shapely
 
 from knotfab_formats.verdict import Check
-from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, spot
-from knotfab_validators.geometry.mesh import Mesh, winding_numbers
+from knotfab_validators.geometry.curves import cut_edges
+from knotfab_validators.geometry.mesh import Mesh, connect, winding_numbers
 from knotfab_validators.tube.tube_fit import LIMIT
 
 if TYPE_CHECKING:
@@ -261,3 +262,83 @@ def _find_empty(
     middle = np.full(len(flat), face - plate.thickness_mm / 2)
     points = np.column_stack([flat, middle]) @ turn
     return np.asarray(points[winding_numbers(points, mesh) < 0.5])
+
+
+# Separate a part's vertices into the tube's and the mount's.
+
+OFF = 1.06  # radii from the centre lines: facets and mitred rings stand out by less
+REACH = 2.0  # radii from the centre lines: a mount reaches farther, a swollen tube does not
+PROUD = 1.02  # radii from the centre lines: no facet of the tube stands out farther
+BESIDE_MATTER = 3.0  # radii along a knot: a face that spans more leads from one strand to another
+SPACING = 0.125  # radii between samples of the centre lines
+ALONG = 1.05  # largest length of the strand between the ends of a face's side, over that side
+
+
+def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
+    """Return which vertices (n,) are the tube's: all but those of matter that leads away from it.
+
+    A vertex within `OFF` radii of the centre lines lies on the tube. Those farther out are the mount's
+    where some vertex that is joined to them by edges, without touching the tube, is farther than
+    `REACH` radii away. So a tube that is swollen, or displaced by up to its own radius, stays a tube.
+
+    Args:
+        vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
+    """
+    from scipy.spatial import cKDTree
+
+    limit = REACH * radius
+    tree = cKDTree(np.concatenate([_sample_strand(polygon, radius) for polygon in polygons]))
+    distance, _ = tree.query(vertices, distance_upper_bound=limit)
+    off = distance > OFF * radius
+    own: Mask = ~off
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    both = off[start] & off[end]
+    n = len(vertices)
+    label, _ = connect(start[both], end[both], n)
+    far = np.zeros(n, dtype=bool)
+    far[label[off & ~(distance < limit)]] = True
+    own |= off & ~far[label]
+    return own
+
+
+def strand_faces(
+    vertices: Array,
+    faces: Ints,
+    polygons: Sequence[Array],
+    radius: float,
+    *,
+    proud: float = PROUD,
+    beside: float = BESIDE_MATTER,
+) -> Mask:
+    """Return which faces (m,) are the tube's surface: close to it, and to a single strand.
+
+    Args:
+        vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
+        proud: how far from the centre line a face may reach, in radii. beside: how far along it.
+    """
+    from scipy.spatial import cKDTree
+
+    samples = [_sample_strand(polygon, radius) for polygon in polygons]
+    steps = [np.linalg.norm(np.roll(s, -1, axis=0) - s, axis=1) / radius for s in samples]
+    along = np.concatenate([np.cumsum(step) - step for step in steps])
+    around = np.array([step.sum() for step in steps])
+    first = np.concatenate([[0], np.cumsum([len(s) for s in samples])])
+    tree = cKDTree(np.concatenate(samples))
+    distance, nearest = tree.query(vertices, distance_upper_bound=REACH * radius)
+    close = (distance <= proud * radius)[faces].all(axis=1)
+    place = np.minimum(nearest, first[-1] - 1)[faces]
+    knot = np.searchsorted(first, place, side="right") - 1
+    result: Mask = close & (knot == knot[:, :1]).all(axis=1)
+    apart = np.abs(along[place] - along[place[:, [1, 2, 0]]])
+    apart = np.minimum(apart, around[knot] - apart)
+    # a long face along a straight strand spans as much of it as its corners are apart
+    side = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2) / radius
+    result &= (apart <= np.maximum(beside, ALONG * side)).all(axis=1)
+    return result
+
+
+def _sample_strand(polygon: Array, radius: float) -> Array:
+    """Sample points (n, 3) along a closed polygon, at most `SPACING` radii apart."""
+    end = np.roll(polygon, -1, axis=0)
+    which, begin, _ = cut_edges(polygon, end, SPACING * radius)
+    return np.asarray(polygon[which] + begin[:, None] * (end - polygon)[which])
