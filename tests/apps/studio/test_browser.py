@@ -25,6 +25,7 @@ from playwright.sync_api import expect, sync_playwright
 from knotfab.apps.studio.run import make_app
 from knotfab.apps.studio.session import Studio
 
+expect.set_options(timeout=120_000)  # ms: a busy machine answers late, which is no fault of a page
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
     pytest.mark.slow,

@@ -60,7 +60,7 @@ def built(
         assert ask("text", text=text) == ""
     assert ask("settings", **settings) == ""
     assert ask("build", go_on=go_on) == ""
-    until = time.monotonic() + 20
+    until = time.monotonic() + 120
     while time.monotonic() < until:
         state: dict[str, Any] = ask()
         if state["build"]["phase"] in ("done", "rejected", "stopped", "failed"):
@@ -294,7 +294,7 @@ def test_ways_to_read_a_picture_fill_the_fields(
     with TestClient(app, base_url=f"http://{HOST}", headers={"origin": f"http://{HOST}"}) as page:
         page.get(f"/?token={TOKEN}")
         page.post("/api/text", content=json.dumps({"text": "photo"}))
-        until = time.monotonic() + 20
+        until = time.monotonic() + 120
         while not (shown := page.get("/api/state").json()["preview"]).get("ways"):
             assert time.monotonic() < until
             time.sleep(0.02)
