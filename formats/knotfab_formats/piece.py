@@ -74,34 +74,36 @@ class Piece(Table):
     """The tube to make."""
 
     tube_radius_mm: Length | Auto = option(None, "Piece --tube-radius")
-    """In mm, or auto (default): the thickest tube that draws the picture well."""
+    """The tube's radius in mm, or auto (default): that of the thickest tube that draws the picture
+    well."""
     knots: Count | Auto = option(None, "Piece --knots")
-    """auto (default): one knot for each piece of the picture; N: its pieces bridged into so many."""
+    """auto (default): one knot for each piece of the picture; N: its pieces bridged into N
+    knots."""
     knots_asked: Annotated[bool, Strict()] = True
-    """false: a build chose the number of knots, and nobody asked for the bridges between pieces, which
-    count as losses."""
+    """false: a build chose the number of knots, and nobody asked for the bridges between pieces,
+    which count as losses."""
     depth: Length | Auto | Annotated[float, Word("flat", 0.0)] = option(None, "Piece --depth")
     """The piece's extent along the view: mm, auto (default: unreadable from elsewhere), or flat."""
     clearance_mm: Spread = 0.4
-    """Strands keep this gap between them."""
+    """The least gap between strands."""
     printed: Annotated[bool, Strict()] = False
     """true: posed and checked for the printer, with its mount (--print)."""
     supports: Literal["auto", "none", "slicer"] = option("auto", "Print --supports")
     """none: strands stand on the bed in steep arches, so that the piece prints with supports off;
-    slicer: they run as they look best, and the slicer supports them; auto (default): none where every
-    check passes."""
+    slicer: they run as they look best, and the slicer supports them; auto (default): none where
+    every check passes."""
     bend: Bend | Auto | Annotated[float, Word("off", 0.0)] = option(None, "Piece --bend")
-    """Bend several pictures until they agree: auto (default), off, or the most that a point may move,
-    as a share of the picture's height, such as 0.05."""
+    """Bend several pictures until they agree: auto (default), off, or the most that a point may
+    move, as a share of the picture's height, such as 0.05."""
     mirror: Literal["auto", "off"] = option("off", "Piece --mirror")
-    """auto: mirror pictures, but no text, where that makes them agree and the scene fixes their views;
-    off (default)."""
+    """auto: mirror pictures, but no text, where that makes them agree and the scene fixes their
+    views; off (default)."""
     bender: Annotated[str, Strict(), Field(min_length=1)] = option("lra", "Print --bender")
     """What bends a wire: lra (default, a table of length, rotation, angle), grbl, or a template's
     file."""
     knot: StrictStr = option("unknot", "Piece --knot")
-    """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the table
-    up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
+    """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the
+    table up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
 
     @property
     def asks_for_bridges(self) -> bool:
@@ -119,54 +121,57 @@ class Region(Table):
     kind: Literal["box", "cylinder", "sphere", "mesh"] = "box"
     """A cylinder's axis is y; "mesh" is a closed STL."""
     file: StrictStr | None = None
-    """Kind "mesh" alone needs it: the STL beside the scene, in mm, moved by center_mm; a build writes
+    """For kind "mesh": the STL beside the scene, in mm, moved by center_mm; a build writes
     region.stl."""
     center_mm: Vector = (0.0, 0.0, 0.0)
-    """The region's middle lies here in the scene."""
+    """The middle of the region, in the scene."""
     size_mm: Extent | Auto = None
     """Box: full extents; cylinder: [diameter, height, diameter]; sphere: three times the diameter;
-    mesh: not read."""
+    mesh: ignored."""
     azimuth_deg: Turn = 0.0
-    """The region is turned about its middle as a view of these angles is; with an auto size and one
-    view they are that view's."""
+    """The azimuth to which the region is turned about its middle, as for a view; with an auto size
+    and a single view, that view's."""
     elevation_deg: Angle = 0.0
-    """As azimuth_deg."""
+    """The elevation to which it is turned, as for azimuth_deg."""
 
 
 class Material(Table):
-    """The tube's material, and how it takes its form; named materials are data files."""
+    """The tube's material, and how it is shaped; named materials are data files."""
 
     name: StrictStr = "pla"
-    """A data file of this name has the other figures; keys given here override it."""
+    """The name of a data file with the other figures; keys given here override them."""
     process: Literal["filament", "resin", "powder", "wire"] = "filament"
-    """How a tube of it is made."""
+    """How the tube is made of it."""
     density_g_cm3: Density = 1.24
-    """A cm³ of it weighs so much."""
+    """Density of the material."""
     min_bend_radius_mm: Length | Auto = None
-    """The least bend radius of the centre line; auto: the tube's radius plus half the clearance."""
+    """The least radius of curvature of the centre line; auto: the tube's radius plus half the
+    clearance."""
     max_length_mm: TubeLength = 50000.0
-    """All knots together have no longer centre line."""
+    """The greatest length of all centre lines together."""
     wire_diameter_mm: Spread = 0.0
-    """A wire is twice as thick as the tube's radius; 0: it is no wire."""
+    """Diameter of a wire, which fixes the tube's radius; 0: not a wire."""
     tool_radius_mm: Spread = 0.0
-    """The wire is bent about a pin of this radius; a bend's centre line has that and half the diameter."""
+    """Radius of the pin about which the wire is bent; the centre line of a bend has this plus half
+    the diameter."""
     min_straight_mm: Spread = 0.0
-    """The bender needs so much straight wire between two bends."""
+    """The least straight wire that the bender needs between two bends."""
     max_bend_deg: Annotated[float, Strict(), Field(gt=0, le=175)] = 175.0
-    """A single bend turns the wire by this at most."""
+    """The largest angle of a single bend."""
     springback_percent: Annotated[float, Strict(), Field(ge=0, lt=100)] = 0.0
-    """Share of the angle that is lost: for 90° that stay, bend to 90 / (1 - springback / 100)."""
+    """The share of a bend that springs back: for 90° in the end, bend to 90 / (1 - springback /
+    100)."""
     young_modulus_mpa: Modulus = 2300.0
-    """How stiff it is."""
+    """Young's modulus, its stiffness."""
     yield_mpa: Modulus = 50.0
-    """The stress at which it begins to stay bent."""
+    """Yield strength: the stress from which a bend stays."""
     transmittance_per_mm: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
-    """The share of light that 1 mm lets through; 0: opaque."""
+    """The share of light that passes through 1 mm; 0: opaque."""
     shrinkage_percent: Annotated[float, Strict(), Field(ge=0, lt=20)] = 0.0
-    """Every length shrinks by this once it is printed: all files are written larger to make up for it;
-    0: the slicer or the print service sees to it."""
+    """Shrinkage of every length after printing, for which all files are written larger; 0: the
+    slicer or the print service sees to it."""
     color: Color = "#d9d4c7"
-    """The first body in part-colours.3mf has this colour, sRGB."""
+    """Colour (sRGB) of the first body in part-colours.3mf."""
 
     @property
     def shrinks_to(self) -> float:
@@ -178,34 +183,36 @@ class Printer(Table):
     """The printer; named printers are data files."""
 
     name: StrictStr = "prusa-mk4"
-    """A data file of this name has the other figures; keys given here override it. Validators know only
-    what the scene gives."""
+    """The name of a data file with the other figures; keys given here override them. Validators
+    know only what the scene gives."""
     process: Literal["filament", "resin", "powder"] = "filament"
-    """Powder carries the part, so it needs no supports."""
+    """How it prints; powder carries the part, which needs no supports then."""
     build_volume_mm: Extent = (250.0, 210.0, 220.0)
-    """It can hold a part of this size."""
+    """The largest part that fits: width, depth, height."""
     nozzle_mm: Length = 0.4
-    """A printed line is so wide."""
+    """Width of a printed line."""
     min_wall_mm: Length | Auto = None
     """The thinnest wall that may be printed; auto: the nozzle."""
     min_gap_mm: Length | Auto = None
-    """The thinnest gap; auto: the nozzle. In powder, what it can be blown out of: clearance_mm is at
-    least that where it is not given."""
+    """The thinnest gap; auto: the nozzle. In powder, the gap out of which powder can be blown;
+    clearance_mm is at least this unless it is given."""
     min_tube_radius_mm: Length = 0.8
-    """It prints no thinner tube."""
+    """Radius of the thinnest tube that it prints."""
     layer_height_mm: Length = 0.2
-    """A layer is so high."""
+    """Height of a layer."""
     supports: Annotated[bool, Strict()] = True
     """Supports are printed where needed; false: the part must print without any."""
     max_overhang_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = 45.0
-    """An underside that leans farther from the vertical (90: a ceiling) needs support."""
+    """The angle from the vertical (90: a ceiling) beyond which an underside needs support."""
     max_bridge_mm: Spread = 10.0
     """The longest stretch over air without supports; a ledge counts double."""
     max_support_cm3: Volume | Auto = None
-    """Solid columns under the overhangs may have this volume; auto: the whole build volume."""
+    """The largest volume of supports, as solid columns under the overhangs; auto: the whole build
+    volume."""
 
     def stated(self, key: str) -> Any:
-        """Return a figure; None if it is open, because the scene names another printer than the default."""
+        """Return a figure; None if it is open, because the scene names another printer than the
+        default."""
         given = key in self.model_fields_set or self.name == type(self).model_fields["name"].default
         return getattr(self, key) if given else None
 
@@ -218,10 +225,10 @@ class Accuracy(Table):
     iou_floor: Annotated[float, Strict(), Field(gt=0, lt=1)] | Auto = None
     """The IoU that the verified shadow must reach; auto: see report.md."""
     max_outline_error_px: Pixels | Auto = None
-    """The file's shadow against the exact tube's, at 1024 px on the longer side; auto: 1.5 in sketch, 1
-    in draft, 0.5 in standard and fine."""
+    """The file's shadow against the exact tube's, at 1024 px on the longer side; auto: 1.5 in
+    sketch, 1 in draft, 0.5 in standard and fine."""
     accept: tuple[Literal["unrecognisable"], ...] = option((), "Output --accept")
-    """unrecognisable: keep a piece in whose shadow nobody would know the picture."""
+    """unrecognisable: keep a piece in whose shadow nobody would recognise the picture."""
 
 
 class Sequence(Table):
@@ -232,43 +239,45 @@ class Sequence(Table):
 
 
 class Mount(Table):
-    """The mount; a build writes `pegs`, how many hold each knot, and `thread_mm` and `second_thread_mm`,
-    in the scene."""
+    """What holds the piece; a build writes `pegs`, `thread_mm`, `second_thread_mm` and `turns`."""
 
     kind: Literal["auto", "wall", "stand", "hang", "none"] = option("auto", "Print --mount")
-    """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall, or
-    in drilled holes), stand (a base below all pictures), hang (eyelets for threads), none, or auto
-    (default: of those that pass every check the one of fewest hours and grams, if the piece is printed).
-    Wall, stand and hang imply --print."""
+    """What holds the piece: wall (pegs in the tube's own shadow, on a plate whose face is the wall,
+    or in drilled holes), stand (a base below all pictures), hang (eyelets for threads), none, or
+    auto (default: of those that pass every check the one of fewest hours and grams, if the piece is
+    printed). Wall, stand and hang imply --print."""
     foot: Literal["auto", "plate", "dowel"] = "auto"
-    """On the wall; a dowel goes into a drilled hole."""
+    """What the pegs end in on the wall: a plate, or dowels in drilled holes."""
     plate: Literal["pegs", "outline", "full"] = option("pegs", "Print --plate")
-    """What is on the wall: pegs that hold the piece off it (default), or a thin plate in which the piece
-    stands by its own valleys: full, as large as the frame, or outline, as the picture."""
+    """What is on the wall: pegs that hold the piece off it (default), or a thin plate in which the
+    piece stands by its own valleys: full, as large as the frame, or outline, as the picture."""
     plate_thickness_mm: Length | Auto = None
-    """The plate on the wall is so thick; auto: 3 mm with pegs, 1.6 mm where the piece stands in it."""
+    """Thickness of the plate on the wall; auto: 3 mm with pegs, 1.6 mm where the piece stands in
+    it."""
     plate_margin_mm: Length = 8.0
-    """The plate reaches so far beyond the frame, on each side; plate = "outline": beyond the picture."""
+    """How far the plate reaches beyond the frame on each side; with plate = "outline", beyond the
+    picture."""
     hole_diameter_mm: Length = 4.0
-    """The plate's two screws have such holes."""
+    """Diameter of the plate's two screw holes."""
     dowel_depth_mm: Length = 10.0
-    """A drilled hole is so deep."""
+    """Depth of the drilled holes."""
     base_thickness_mm: Annotated[float, Strict(), Field(ge=2, le=MOST_MM)] = 4.0
-    """A stand's base is so thick at its back; its top slopes up to the lamp."""
+    """Thickness of a stand's base at its back; its top slopes up to the lamp."""
     min_tip_deg: Annotated[float, Strict(), Field(ge=5, le=45)] = 10.0
-    """Tipped this far in any direction, a stand must come back."""
+    """How far a stand can be tipped in any direction and still come back."""
     max_sag_mm: Length | Auto = None
-    """A piece that sags more than this under its own weight is rejected; auto: what moves its shadow too
-    little to be seen, by the tube, the place and the size of the lamp."""
+    """The most that a piece may sag under its own weight; auto: too little for its shadow to be
+    seen to move, which follows from the tube and from the lamp's place and size."""
     pegs: tuple[Whole, ...] = ()
-    """Written by a build: how many pegs (posts and struts) hold each knot; of a piece that stands in
-    its plate, how many feet of each knot close a loop, none where it lies there whole."""
+    """Written by a build: how many pegs (posts and struts) hold each knot; of a piece that stands
+    in its plate, how many feet of each knot close a loop, none where it lies there whole."""
     thread_mm: Vector | Annotated[None, Word("none")] = None
-    """Written by a build: where the thread carries a piece that hangs, in the scene."""
+    """Written by a build: the point at which the thread carries a hanging piece, in the scene."""
     second_thread_mm: Vector | Annotated[None, Word("none")] = None
-    """Likewise, where a second one carries it, which keeps it from turning."""
+    """Written by a build: the same for the second thread, which keeps the piece from turning."""
     turns: Annotated[bool, Strict()] | None = None
-    """Written by a build that chose the mount: whether its search took the piece to be free to turn."""
+    """Written by a build that chose the mount: whether its search assumed that the piece is free to
+    turn."""
 
     @property
     def asked(self) -> bool:
@@ -290,11 +299,12 @@ class About(Table):
     """What part.3mf says about itself; "" leaves it to the build."""
 
     title: Line = option("", "Output --title")
-    """What part.3mf is called in slicers and on print sites; the picture's name by default."""
+    """Title of part.3mf, as slicers and print sites show it; the picture's name by default."""
     designer: Line = option("", "Output --designer")
     """Who designed it, for part.3mf; knotfab by default."""
     licence: Line = option("", "Output --licence")
-    """The terms under which others may use it, for part.3mf, such as "CC BY 4.0"; none by default."""
+    """The terms under which others may use it, for part.3mf, such as "CC BY 4.0"; none by
+    default."""
 
 
 Ridge = tuple[Coordinate, Coordinate, Coordinate, Coordinate, Length]

@@ -32,13 +32,13 @@ class SearchSettings(Table):
     network_start: Literal["filling", "circle"] = "filling"
     """The template that the network deforms."""
     network_depth: int = Field(8, ge=1, le=256)
-    """Coupling layers."""
+    """The number of coupling layers."""
     network_width: int = Field(128, ge=1, le=65536)
     """Hidden units of each S and T."""
     network_iterations: int = Field(300, ge=1, le=_MOST)
     """Iterations of the network."""
     network_rate_radii: float = Field(0.25, ge=1e-6, lt=2)
-    """A vertex's first steps, in tube radii; a circle's: twice."""
+    """Length of a vertex's first steps, in tube radii; from a circle, twice that."""
     coarse_px: int = Field(192, ge=32, le=4096)
     """The picture's longer side in the first phase."""
     fine_px: int = Field(640, ge=32, le=4096)
@@ -56,48 +56,49 @@ class SearchSettings(Table):
     winners_every: int = Field(3, ge=1, le=_MOST)
     """Iterations between full searches for the winning capsules."""
     tau: float = Field(24.0, ge=0.01, le=1000)
-    """Sharpness of the picture at last, over the projected radius; never above 5 a pixel."""
+    """Final sharpness of the rendered edge, per projected radius; never above 5 per pixel."""
     precision: Precision = "single"
-    """Pictures are computed so; all else is in double."""
+    """Precision in which pictures are rendered; all else is in double precision."""
     renderer: Renderer = "ray"
     """What a picture's pixels measure: the ray's distance, or that to outlines of capsules, or of
     ellipses at the vertices, as the paper has it; these by torch, in double precision."""
     depth_candidates: int = Field(300, ge=1, le=100_000)
-    """Depth profiles tried, by descent."""
+    """How many depth profiles the descent tries."""
     radius_candidates: int = Field(12, ge=2, le=1000)
-    """Tube radii tried when the radius is "auto"."""
+    """How many tube radii are tried when the radius is "auto"."""
     radius_give: float = Field(0.004, ge=0, lt=0.5)
-    """IoU of the template that may be given for a thicker tube, of fewer vertices; of the start: 0.012
-    or more."""
+    """IoU of the template that may be given up for a thicker tube, which has fewer vertices; of the
+    start, 0.012 or more."""
     radius_from: float = Field(1.0, ge=0.01, le=2)
-    """The thinnest tube that is tried at once, over the usual one: 1 % of the frame's side."""
+    """The thinnest tube that is tried first, as a ratio to the usual one, 1 % of the frame's
+    side."""
     tolerance_px: float = Field(0.25, ge=1e-4, le=1024)
     """Unit of the effects' thresholds, px of a picture of 1024 px on its longer side
     (docs/effects.md)."""
     grace: float = Field(0.02, ge=0, le=10)
-    """Weight of bending and length: how smoothly, and how straight, strands run."""
+    """Weight of bending energy and length in the objective: how smooth and straight strands run."""
     grace_of: Literal["curves", "bends"] = "curves"
-    """bends: as few as can be, of a wire."""
+    """What grace minimises: curves, the bending of a tube; bends, the number of bends in a wire."""
     mesh_sides: int = Field(20, ge=8, le=360)
-    """Facets around the tube, at least; of 18 a corner stands out by 1 % of the radius, as much as the
-    check of clearance allows for."""
+    """The least number of facets around the tube; with 18, a corner stands out by 1 % of the
+    radius, as much as the check of clearance allows for."""
     outline_px: float = Field(0.5, ge=1e-4, le=1024)
-    """The outline's limit, where the scene leaves it open."""
+    """Limit of the outline's error, in px, where the scene leaves it open."""
     iou_slack: float = Field(0.05, ge=1e-4, lt=1)
     """The required IoU is the bound less this."""
     free_view: bool = False
-    """Pose, distances and tube radius of the one view are unknowns too, or the directions of several;
-    [[views]] then holds what was found."""
+    """true: the search also finds the pose, the distances and the tube's radius of a single view,
+    or the directions of several; [[views]] then holds what was found."""
     free_light_mm: float = Field(0.0, ge=0, le=MOST_MM)
-    """Where the search began; 0: as the scene has it."""
+    """Distance of the lamp at which the search began; 0: as the scene has it."""
     free_wall_mm: float = Field(0.0, ge=0, le=MOST_MM)
-    """As free_light_mm."""
+    """The same for the wall."""
     free_azimuths_deg: str = ""
-    """Several views start at these, with spaces between; "": as the scene has them."""
+    """Azimuths at which several views start, separated by spaces; "": as the scene has them."""
     free_elevations_deg: str = ""
-    """As free_azimuths_deg; "": elevations stay."""
+    """The same for elevations; "": they stay."""
     free_radius_mm: float = Field(0.0, ge=0, le=MOST_MM)
-    """As free_light_mm; 0: a radius that the scene gives stays."""
+    """Tube radius at which the search began; 0: a radius that the scene gives stays."""
 
     @property
     def iterations(self) -> int:

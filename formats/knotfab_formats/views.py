@@ -62,10 +62,11 @@ class Reading(Table):
         "auto", "Picture --ink"
     )
     """What is drawn: auto (default: what is opaque, or what differs from the border), dark, light,
-    alpha, flood (what the border's colours do not reach, for photographs), or a colour such as red or
-    "#d02010"."""
+    alpha, flood (what the border's colours do not reach, for photographs), or a colour such as red
+    or "#d02010"."""
     threshold: Annotated[float, Strict(), Field(gt=0, lt=1)] = option(0.5, "Picture --threshold")
-    """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by default."""
+    """Where ink begins, as a share of the largest difference, or of full opacity; 0.5 by
+    default."""
     invert: Annotated[bool, Strict()] = option(False, "Picture --invert")
     """Draw everything except what was found."""
     crop_px: Box | Annotated[Literal[False], Word("none", False)] | Auto = option(
@@ -74,21 +75,22 @@ class Reading(Table):
     """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in
     px."""
     keep_largest: Whole = option(0, "Picture --keep-largest")
-    """Draw only so many pieces of the picture, the largest; 0: all."""
+    """Draw only this many pieces of the picture, the largest; 0: all of them."""
     speck_px: Whole = option(0, "Picture --specks")
     """Leave out pieces, and fill holes, of fewer pixels than this."""
     smooth_px: Annotated[float, Strict(), Field(ge=0, le=100)] = option(0.0, "Picture --smooth")
-    """Blur the picture by so many px and cut it at half before it is drawn; the shadow is compared with
-    the picture itself."""
+    """Blur the picture by this many px and threshold it at half before it is drawn; the shadow is
+    still compared with the picture itself."""
     subject_px: Box | Annotated[None, Word("none")] = option(None, "Picture --subject")
-    """Draw what can be cut out of a photograph, in a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in px. It
-    fills the frame, unless --crop says otherwise."""
+    """Draw what can be cut out of a photograph, in a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in
+    px. It fills the frame, unless --crop says otherwise."""
     keep_px: tuple[Disc, ...] = option((), "Picture --keep")
     """With --subject: a disc that belongs to it, X,Y,RADIUS in px; may be repeated."""
     drop_px: tuple[Disc, ...] = option((), "Picture --drop")
     """With --subject: a disc that does not belong to it, X,Y,RADIUS in px; may be repeated."""
     subject_mask: StrictStr = ""
-    """A file beside the scene, white where the subject is: it counts, and nothing is cut anew."""
+    """A mask beside the scene, white where the subject is, which is used instead of cutting out the
+    subject anew."""
 
     @property
     def cut_out(self) -> bool:
@@ -100,64 +102,66 @@ class View(Reading):
     """A light or an eye, the wall it looks at, and the picture that is to be there."""
 
     name: ViewName = "front"
-    """Names of files hold it."""
+    """The name of the view; names of files hold it."""
     kind: Literal["shadow", "eye"] = "shadow"
     """A lamp's shadow on a wall, or the piece itself as an eye sees it."""
     picture: StrictStr = ""
-    """A file beside the scene, or text: and characters."""
+    """A file beside the scene, or text: and the characters to draw."""
     title: StrictStr = ""
-    """What the picture is called; by default as its file is."""
+    """The picture's title; by default the name of its file."""
     frame_width_mm: Length | None = option(None, "Piece --width")
     """The picture's width on the wall, in mm; its height follows."""
     frame_height_mm: Length | None = option(None, "Piece --height")
     """The picture's height on the wall, in mm; its width follows."""
     light_distance_mm: LampDistance = option(500.0, "Piece --lamp-distance")
-    """From the lamp to the middle of the piece, in mm; 500 by default."""
+    """Distance from the lamp to the middle of the piece, in mm; 500 by default."""
     light_right_mm: Shift = 0.0
-    """The lamp beside the view's axis; wall and frame stay where they are."""
+    """How far the lamp stands to the right of the view's axis; wall and frame stay where they
+    are."""
     light_up_mm: Shift = 0.0
-    """The lamp above the view's axis."""
+    """How far the lamp stands above the view's axis."""
     lamp_colour: tuple[Colour, Colour, Colour] = (1.0, 1.0, 1.0)
-    """Red, green and blue in 0 to 1, linear light."""
+    """The lamp's red, green and blue, 0 to 1 in linear light."""
     wall: StrictStr = ""
     """The earlier view whose wall and frame this lamp shines on; "": its own."""
     light_diameter_mm: Spread = option(5.0, "Piece --lamp-diameter")
-    """In mm; 5 by default, 0: a point. A wide lamp blurs the shadow."""
+    """The lamp's diameter in mm; 5 by default, 0: a point source. A wide lamp blurs the shadow."""
     light_shape: Literal["disc", "ball", "rectangle", "leds"] = "disc"
-    """Each LED of an array throws a shadow."""
+    """The shape of the lamp; each LED of an array casts its own shadow."""
     light_width_mm: Spread = 0.0
-    """A rectangle is so wide; an array from the middle of its first LED to that of its last."""
+    """Width of a rectangle; of an array, from the centre of its first LED to that of its last."""
     light_height_mm: Spread = 0.0
-    """As light_width_mm."""
+    """Height, measured as light_width_mm is."""
     light_leds: tuple[Leds, Leds] = (1, 1)
-    """Columns and rows of an array."""
+    """Columns and rows of an array of LEDs."""
     wall_distance_mm: Length = option(100.0, "Piece --wall-distance")
-    """From the middle of the piece to the wall, in mm; 100 by default, nearer where pegs would sag."""
+    """Distance from the middle of the piece to the wall, in mm; 100 by default, less where pegs
+    would sag."""
     wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
-    """The top edge leans towards the lamp."""
+    """How far the wall's top edge leans towards the lamp."""
     wall_radius_mm: WallRadius | Annotated[None, Word("flat")] = None
-    """A wall that is a cylinder has this radius, above 0 where it is hollow towards the lamp, below 0 if
-    it is a column."""
+    """Radius of a cylindrical wall: above 0 where it is hollow towards the lamp, below 0 for a
+    column."""
     azimuth_deg: Turn = 0.0
-    """The lamp stands turned by this about the vertical axis."""
+    """Azimuth of the lamp about the vertical axis."""
     elevation_deg: Angle = 0.0
-    """The lamp stands so far above the horizontal (90: from above)."""
+    """Elevation of the lamp above the horizontal (90: straight above)."""
     frame_up_mm: Shift = 0.0
-    """The frame's middle lies so far above the axis, on the receiver."""
+    """Height of the frame's middle above the axis, on the receiver."""
     thicken_mm: Length | Annotated[float, Word("none", 0.0)] | Auto = option(
         0.0, "Picture --thicken"
     )
-    """Widen strokes that are thinner to so many mm on the wall, or auto: to what can be printed."""
+    """Widen thinner strokes to this many mm on the wall, or auto: to what can be printed."""
     lines: Switch = option(None, "Picture --lines")
-    """Lay one tube along the middle of each stroke: on, off, or auto (default: where most strokes are
-    thinner than the tube)."""
+    """Lay one tube along the middle of each stroke: on, off, or auto (default: where most strokes
+    are thinner than the tube)."""
     mirrored: Annotated[bool, Strict()] | None = None
-    """The picture is drawn from side to side."""
+    """true: the picture is mirrored left to right."""
     bend_points: tuple[StrictStr, ...] | None = None
-    """A bent picture has these control points, 15 texts: see Bending."""
+    """Control points of a bent picture, 15 texts: see Bending."""
     tone: Literal["off", "lines"] = option("off", "Picture --tone")
-    """lines: draw the picture's greys, with strands closer together where it is darker; off (default):
-    draw its silhouette."""
+    """lines: draw the picture's greys, with strands closer together where it is darker; off
+    (default): draw its silhouette."""
 
     @field_validator("light_leds")
     @classmethod
@@ -198,7 +202,8 @@ class View(Reading):
 
     @property
     def drawn_picture(self) -> str:
-        """The file beside the scene that shows what is drawn, if that is not the original picture."""
+        """The file beside the scene that shows what is drawn, if that is not the original
+        picture."""
         return f"drawn-{self.name}.png"
 
     @property
@@ -231,64 +236,67 @@ class Switches(Table):
     """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
 
     penumbra: Switch = None
-    """A lamp that has a size blurs the shadow."""
+    """A lamp of some size blurs the shadow."""
     misplacement: Switch = None
-    """People put lamp, piece and wall out of place."""
+    """People put lamp, piece and wall slightly out of place."""
     contrast: Switch = None
-    """Other light makes the shadow pale."""
+    """Other light makes the shadow paler."""
     sag: Switch = None
-    """A mount lets the piece sag."""
+    """The piece sags on its mount."""
     layers: Switch = None
-    """A printer's layers make steps."""
+    """The printer's layers make steps in the outline."""
     wall: Switch = None
-    """The wall is round."""
+    """Curvature of a round wall."""
     hiding: Switch = None
-    """A piece near its wall stands before its shadow."""
+    """A piece near its wall hides part of its shadow from viewers."""
 
 
 class Room(Table):
     """Light other than the lamp's own: none by default."""
 
     ambient: Ratio = 0.0
-    """Other light, over the lamp's own in the middle of the picture on the wall."""
+    """Other light in the middle of the picture on the wall, as a ratio to the lamp's."""
     area_m2: Ratio = 0.0
-    """Walls, floor and ceiling together have this area; 0: no room."""
+    """Area of walls, floor and ceiling together; 0: no room."""
     reflectance: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
-    """Walls, floor and ceiling throw back this share of light."""
+    """The share of light that walls, floor and ceiling reflect."""
     second_lamp_mm: Vector | Annotated[None, Word("none")] = None
-    """A second lamp stands at [x, y, z] in the scene, in front of the piece."""
+    """Where a second lamp stands in the scene, [x, y, z], in front of the piece."""
     second_lamp_share: Ratio = 1.0
-    """Its light in the middle of the picture, over the lamp's own."""
+    """The second lamp's light in the middle of the picture, as a ratio to the first one's."""
 
 
 class Placing(Table):
     """The error with which people are expected to place lamp (or eye), piece and wall."""
 
     lamp_mm: Annotated[float, Strict(), Field(ge=0, le=1e4)] = 5.0
-    """Lamp or eye stand so far from their places."""
+    """How far lamp or eye stand from their places."""
     turn_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 1.0
-    """The piece is turned by so much."""
+    """How far the piece is turned."""
     tilt_deg: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0
-    """The wall is tilted by so much, in any direction."""
+    """How far the wall is tilted, in any direction."""
 
 
 class Lamps(Table):
-    """Several lamps before one wall (views with `wall`): what they show there, and where they may stand."""
+    """Several lamps in front of one wall (views with `wall`): what they show, where they may stand."""
 
     mode: Literal["mix", "switch"] = "mix"
-    """All are lit at once, or one after the other."""
+    """mix: all are lit at once; switch: one after the other."""
     screen: Literal["ends", "open"] = "ends"
-    """Whether the screen ends at the picture's frame, beside which no shadow is seen, or goes on."""
+    """ends: the screen ends at the picture's frame, and shadows beside it are not seen; open: it
+    goes on."""
     picture: StrictStr = ""
-    """A picture in colours, beside the scene; each view's picture is then a lamp's mask."""
+    """A coloured picture beside the scene; the picture of each view is then the mask of its
+    lamp."""
     places: Literal["auto", "fixed"] = "auto"
-    """auto: a build finds them, within the bounds; fixed: as the views have them."""
+    """auto: a build chooses where the lamps stand, within the bounds; fixed: as the views have
+    them."""
     max_right_mm: Spread = 400.0
-    """A lamp stands no farther to either side of the axis."""
+    """The farthest that a lamp may stand to either side of the axis."""
     max_up_mm: Spread = 400.0
-    """A lamp stands no farther above or below the axis."""
+    """The farthest that a lamp may stand above or below the axis."""
     colours: Annotated[int, Strict(), Field(ge=0, le=64)] = 0
-    """The most flat colours that the picture is cut into; 0: all that the lamps mix."""
+    """The most flat colours to which the picture is reduced; 0: all that the lamps mix."""
     table: tuple[FramePlate, ...] = ()
-    """The frame that holds screen, piece and lamps, written by a build: the files of its bars, their sizes,
-    and the rigid motions that take them to the scene."""
+    """The frame that holds screen, piece and lamps, written by a build: the files of its bars,
+    their sizes, and the rigid motions that take them to the scene."""

@@ -181,8 +181,8 @@ def mcp(*, allow: tuple[Place, ...] = ()) -> int:
     Parameters
     ----------
     allow
-        A folder that the tools may read and write; may be repeated. The folder one is in by default. Relative
-        paths start from the first.
+        A folder that the tools may read and write; may be repeated. By default the current folder. Relative
+        paths start from the first one.
     """
     with needs_extra("knotfab mcp", "mcp"):
         from knotfab.apps.mcp.server import serve
@@ -305,14 +305,14 @@ def tradeoff(
     combinations
         How many combinations to try after single settings; the better half of all goes on to more pictures.
     time_limit
-        End after this time with what is measured: 30 (seconds), 10m or 1h.
+        Stop after this time, and report what was measured until then: 30 (seconds), 10m or 1h.
     device
         Where the search runs.
     print_
         Measure what printing costs instead: whole builds with and without supports, on plates, at other
         depths, radii and accuracies, in PrusaSlicer's hours and grams.
     quiet
-        Say nothing but errors.
+        Print nothing but errors.
     """
     from knotfab.base.progress import Progress
     from knotfab.picture.read import read_target

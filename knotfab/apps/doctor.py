@@ -119,14 +119,14 @@ def run_loops(several: bool = False) -> None:
 
     few = {"depth_candidates": 4, "radius_candidates": 2}
     asked = Scene(accuracy=Accuracy(name="sketch"), search=few)
-    bars = [read_target("text:▬"), read_target("text:▮")]
-    design_knots(resolve(asked), bars[:1])
+    bar = read_target("text:▬")
+    design_knots(resolve(asked), [bar])
     if several:
         quick = dict.fromkeys(("coarse_iterations", "fine_iterations", "settle_iterations"), 8)
         views = tuple(View(name=f"bar-{turn}", azimuth_deg=turn) for turn in (0, 90))
         update = {"views": views, "search": {**few, **quick}}
-        design_knots(resolve(asked.model_copy(update=update)), bars)
-    onlooker_for(stretch_mask(bars[0].mask))  # asked where a piece stands without supports
+        design_knots(resolve(asked.model_copy(update=update)), [bar, read_target("text:▮")])
+    onlooker_for(stretch_mask(bar.mask))  # asked where a piece stands without supports
     draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
 
 

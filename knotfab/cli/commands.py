@@ -210,7 +210,7 @@ def validate(
     skip: Names = (),
     unit: Literal["mm", "cm", "m", "in"] = "mm",
 ) -> int:
-    """Measure written files again, with other code than the code that wrote them.
+    """Measure written files again, by code that shares nothing with the code that wrote them.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def validate(
     skip
         Leave out these checks, such as shadow-render.
     unit
-        Of the numbers in an STL, OBJ or PLY.
+        The unit of the numbers in an STL, OBJ or PLY.
     """
     from knotfab.pipeline.verifier import files_to_validate, load_early
 

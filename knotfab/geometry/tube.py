@@ -308,7 +308,7 @@ def face_normals(corners: Array) -> Array:
 
 
 def unit(vectors: Array) -> Array:
-    """Return (..., 3) vectors of length 1 in the same directions; zero vectors stay zero."""
+    """Normalise vectors (..., 3) to length 1; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, 1e-300))
 

@@ -92,7 +92,7 @@ class Target(InNotebook):
     bending: Bending | None = None
     draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
     is_text: bool = False  # whether it is text, which must not be mirrored
-    letters: tuple[Letter, ...] = ()  # of its text; their boxes are shares of the masks' sides
+    letters: tuple[Letter, ...] = ()  # the picture's text; boxes in shares of the masks' sides
     notes: tuple[str, ...] = ()
     ink: str | None = None
     threshold: float | None = None

@@ -24,7 +24,7 @@ from knotfab_formats.errors import InputError, shown
 TEXT_PREFIX = "text:"
 DRAWN_SUFFIXES = (".svg", ".svgz")
 PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), DRAWN_SUFFIXES))
-_MOST_SIGNS, _MOST_BYTES = 60, 180  # of a name: file systems hold it with prefixes and suffixes
+_MOST_SIGNS, _MOST_BYTES = 60, 180  # longest name: files add prefixes and suffixes to it
 SECONDS = 60  # processor time in which a picture is read
 _MISSING = "Check the path, or write text:… for a word or a glyph."
 _LARGE = 1 << 20  # bytes from which a file is kept for the next reading of it

@@ -136,7 +136,7 @@ def report_piece(
 
 
 def _prefer_other_way(request: Request, checks: Sequence[Check]) -> None:
-    """Give up the first of two ways to build if a required check failed.
+    """Reject a piece that fails a required check if the request can be built in another way.
 
     Raises:
         SceneError: a check failed; it names the checks, with figures and place of the first.

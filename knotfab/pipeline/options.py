@@ -155,8 +155,8 @@ class PictureOptions:
         def __getattr__(self, name: str) -> Any: ...
 
     lamps: Annotated[str | None, Parameter(group=_PICTURE)] = None
-    """Several lamps before one screen: rgb, or names such as warm+white, mix one picture's colours; switch:
-    each lamp shows its own picture, one at a time."""
+    """Several lamps in front of one screen: rgb, or names such as warm+white, mix one picture's
+    colours; switch: each lamp shows its own picture, one at a time."""
     directions: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """Where each of several pictures is seen from, in their order: front, back, left, right (or side), top,
     bottom, or AZIMUTH:ELEVATION in degrees, as in front,side,30:45; by default spread about the vertical
@@ -192,7 +192,7 @@ class BuildOptions(PictureOptions):
     several pictures the directions of their lamps. scene.toml then has them."""
 
     print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
-    """Make it for printing: pose the part for that, and check it against the printer too."""
+    """Prepare the part for printing: orient it for the printer, and check it against the printer too."""
 
     time_budget: Annotated[str | None, Parameter(group=_SEARCH)] = None
     """Time for the whole build, such as 30 (seconds), 90s, 1.5min or 1m30s; sets the iterations."""
@@ -218,9 +218,9 @@ class BuildOptions(PictureOptions):
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
     """Leave out these checks, such as shadow-render."""
     quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False
-    """Say nothing but errors."""
+    """Print nothing but errors."""
     verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=OUTPUT)] = False
-    """Say how long each stage took."""
+    """Print how long each stage took."""
 
     @property
     def mode(self) -> Mode:

@@ -1,4 +1,4 @@
-"""Random smooth depth profiles, and variations of them: what the depth is chosen from."""
+"""Random smooth depth profiles and their variations, from which the depth is chosen; lifting points to it."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def ask(
     return Question(scene, ask_views(pictures, *azimuths.tolist())), start
 
 
-# the widths are between what was drawn badly and what was drawn well: docs/silhouette.md
+# the widths are between what was drawn badly and what was drawn well: docs/scenarios.md
 @pytest.mark.parametrize(
     ("views", "diameters", "enough"), [(2, 1.6, 2.5), (3, 3.8, 5.0), (4, 5.0, 10.0), (5, 5.0, 10.0)]
 )

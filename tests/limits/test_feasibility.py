@@ -321,9 +321,7 @@ def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) ->
     few = questions.QUICK.replace("fine_px = 160", "fine_px = 96").replace(
         "coarse_px = 96", "coarse_px = 64"
     )
-    few = re.sub(r"iterations = \d+", "iterations = 12", few).replace(
-        "candidates = 8", "candidates = 2"
-    )
+    few = re.sub(r"iterations = \d+", "iterations = 12", few)
     scene.write_text(f"{few}[material]\nmin_bend_radius_mm = 60.0\n")
     call = ["build", "text:♥", "--scene", scene, "--tube-radius", "6"]
     done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render", *UNREAD)

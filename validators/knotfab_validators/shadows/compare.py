@@ -235,11 +235,11 @@ def receive(
 # How much of a photograph's subject its cut-out shows.
 
 SUBJECT_PX = 256  # longer side of the subject: hair is no feature
-BLUR_PX = 1.5  # px, sigma of the gradient
+BLUR_PX = 1.5  # sigma of the gradient
 STRONG = 7.0  # levels (of 255) per px from which a gradient is an edge
-RIM_PX = 6.0  # px within the outline whose edges are the outline's own
-NEAR_PX = 5.0  # px from an edge of the cut-out within which an edge is drawn
-WIDE_PX = 3.0  # px across which an edge of the photograph is strong
+RIM_PX = 6.0  # depth within the outline to which edges are the outline's own
+NEAR_PX = 5.0  # an edge this near to one of the cut-out is drawn
+WIDE_PX = 3.0  # width across which an edge of the photograph is strong
 
 
 def edges_drawn(darkness: Array, drawn: Mask) -> float | None:

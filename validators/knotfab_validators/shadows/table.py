@@ -134,7 +134,7 @@ def _is_solid(frame: Mesh, points: Array) -> Mask:
 # The bars: matter fills each, and they join up.
 
 TAIL_MM, NECK_MM, HEAD_MM, PLAY_MM = 9.0, 8.0, 14.0, 0.2  # a dovetail, and the play in its socket
-WALL_MM = 3.0  # of the wall around a hole
+WALL_MM = 3.0  # thickness of the wall around a hole
 LEAST_MM = 4.0, 22.0  # thickness and width of a bar: a dovetail and 2 mm behind it
 ROD_MM, MARK_MM = 10.0, 3.5  # the widest hole below a lamp, and the widest other one
 SLOT = 0.6  # least share of the screen's width that the slot holds, on both its sides
