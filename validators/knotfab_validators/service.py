@@ -35,7 +35,7 @@ def prepare(*parts: str) -> Iterator[None]:
     """Load what the checks need, step by step: libraries, compiled loops, VTK and its OpenGL.
 
     Args:
-        parts: any of "geometry", "shadows", "graphics".
+        parts: any of "geometry", "shadows", "graphics", "layers" (of a part that prints without supports).
     """
     importlib.import_module(".validate", __package__)
     for name in GEOMETRY if "geometry" in parts else ("scipy.ndimage",):
@@ -45,6 +45,9 @@ def prepare(*parts: str) -> Iterator[None]:
     yield
     if "geometry" in parts:
         _measure_surface()
+        yield
+    if "layers" in parts:
+        _grow_layers()
         yield
     if "shadows" in parts:
         _cast_shadows()
@@ -84,6 +87,18 @@ def _measure_surface() -> None:
     flat_faces(mesh)
     overlapping_boxes(mesh)
     check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
+
+
+def _grow_layers() -> None:
+    """Run every compiled loop that follows a part's growth: a tetrahedron whose top hangs over air."""
+    import numpy as np
+
+    from knotfab_validators.geometry.mesh import merge_equal
+    from knotfab_validators.printing.upright import Upright, check_upright
+
+    corners = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0], [9, 9, 3]])
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    check_upright(Upright(merge_equal(corners[faces]), 2300.0), 0.2)
 
 
 def _cast_shadows() -> None:
@@ -128,7 +143,7 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     del told
     part, knots, scene = (request[name] for name in ("part", "knots", "scene"))
     if part is None and knots is None:
-        for _ in prepare("geometry", "shadows"):
+        for _ in prepare("geometry", "layers", "shadows"):
             pass
     try:
         piece = _read(request["piece"], part, knots, scene, request.get("unit", "mm"))
