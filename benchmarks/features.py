@@ -18,7 +18,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
+import trimesh
 from PIL import Image, ImageDraw
 
 import knotfab
@@ -74,14 +74,6 @@ class Found:
         """How many parts were built: frames, or one."""
         return len(self.files("part*.stl"))
 
-    def prices(self, limit: str) -> bool:
-        """Tell whether that limit is said to cost the picture its IoU."""
-        return any(limit in price["limits"] for price in self.report.get("binding", ()))
-
-
-def _directions(found: Found) -> str:
-    return " ".join(repr(view["azimuth_deg"]) for view in found.scene["views"])
-
 
 @dataclass(frozen=True)
 class Row:
@@ -105,6 +97,8 @@ def _is_mounted(kind: str) -> Callable[[Found], bool]:
     return lambda f: f.scene["mount"]["kind"] == kind and "fail" not in f.check("gap")
 
 
+_ONE = "scenarios.md#one-picture-one-knot"
+_DECIDED = tuple((c, "pictures decide the depth") for c in ("several views", "coloured lamps"))
 ROWS: tuple[Row, ...] = (
     Row(
         "wall mount",
@@ -119,7 +113,7 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "knot of a given type",
-        "scenarios.md#one-picture-one-knot",
+        _ONE,
         # in the longest of the knots, of which each lamp has its own
         lambda f: (any if len(f.scene["views"]) > 2 else all)(
             "3_1" in k["type"] for k in f.report["knots"]
@@ -128,34 +122,30 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "network (inn)",
-        "scenarios.md#one-picture-one-knot",
+        _ONE,
         lambda f: _BY_NETWORK in f.template,
         options=(("search", "inn"),),
         passes=False,
     ),
     Row(
         "network, then flow (inn+flow)",
-        "scenarios.md#one-picture-one-knot",
+        _ONE,
         lambda f: _BY_NETWORK in f.template,
         options=(("search", "inn+flow"),),
     ),
     Row(
         "depth given",
-        "scenarios.md#one-picture-one-knot",
+        _ONE,
         lambda f: f.scene["piece"]["depth"] == 40.0,
         options=(("depth", 40),),
-        refused=tuple(
-            (c, "pictures decide the depth") for c in ("several views", "coloured lamps")
-        ),
+        refused=_DECIDED,
     ),
     Row(
         "flat",
-        "scenarios.md#one-picture-one-knot",
+        _ONE,
         lambda f: f.scene["piece"]["depth"] == "flat",
         options=(("depth", "flat"),),
-        refused=tuple(
-            (c, "pictures decide the depth") for c in ("several views", "coloured lamps")
-        ),
+        refused=_DECIDED,
     ),
     Row(
         "region mesh",
@@ -172,7 +162,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         "price of a limit",
         "report.md#search",
-        lambda f: f.prices("length"),
+        lambda f: any("length" in price["limits"] for price in f.report.get("binding", ())),
         "[material]\nmax_length_mm = 260.0\n",
         passes=False,
     ),
@@ -231,7 +221,7 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         "repairs alone",
-        "scenarios.md#one-picture-one-knot",
+        _ONE,
         lambda f: (
             all(k["min_bend_radius_mm"] > 0 for k in f.report["knots"])
             and "fail" not in f.check("bend")
@@ -243,7 +233,8 @@ ROWS: tuple[Row, ...] = (
         "view found in the search",
         "scenarios.md#the-view-as-an-unknown",
         lambda f: (
-            _directions(f) != f.scene["search"]["free_azimuths_deg"]
+            " ".join(repr(view["azimuth_deg"]) for view in f.scene["views"])
+            != f.scene["search"]["free_azimuths_deg"]
             if len(f.scene["views"]) > 1
             else f.scene["views"][0]["light_distance_mm"] != f.scene["search"]["free_light_mm"] > 0
         ),
@@ -285,8 +276,7 @@ def draw_disc(middle: float = 0.5, size: float = 0.34) -> Image.Image:
     """Draw a disc with a notch, so that it is no circle: mode "L"."""
     image = Image.new("L", (_PX, _PX), 255)
     draw = ImageDraw.Draw(image)
-    low, high = (middle - size) * _PX, (middle + size) * _PX
-    draw.ellipse((low, 0.16 * _PX, high, 0.84 * _PX), fill=0)
+    draw.ellipse([_PX * at for at in (middle - size, 0.16, middle + size, 0.84)], fill=0)
     draw.rectangle((0.46 * _PX, 0, 0.54 * _PX, 0.36 * _PX), fill=255)
     return image
 
@@ -308,23 +298,15 @@ def draw_flag() -> Image.Image:
     return image
 
 
-def _write_box(path: Path, half: tuple[float, float, float]) -> None:
-    """Write a box as a binary STL."""
-    import trimesh
-
-    trimesh.creation.box(extents=2 * np.array(half)).export(path)
-
-
 def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
     """Return the pictures of a cell and the options of its build; its scene is written into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    own = _QUICK
-    text = cell.row.scene
+    own, text = _QUICK, cell.row.scene
     if text.startswith("settle_iterations"):
         own, text = own.replace("settle_iterations = 25", text), ""
     if "[region]" in text:
-        wide = 150.0 if cell.column == "coloured lamps" else 75.0  # their pieces stand side by side
-        _write_box(folder / "region.stl", (wide, 75.0, 75.0))
+        wide = 300 if cell.column == "coloured lamps" else 150  # their pieces stand side by side
+        trimesh.creation.box(extents=(wide, 150, 150)).export(folder / "region.stl")
     # the exact polygons decide about shadows: rendering them costs as much as all the rest
     options: dict[str, Any] = {"skip": ("slicer", "shadow-render"), **dict(cell.row.options)}
     if cell.column == "several views":
@@ -356,9 +338,8 @@ def build_cell(cell: Cell, folder: Path) -> tuple[bool, str]:
     try:
         outcome = knotfab.build(pictures, folder / "out", **options)
     except knotfab.InputError as error:
-        said = str(error)
         wanted = cell.refusal
-        return wanted is not None and wanted in said, f"refused: {said}"
+        return wanted is not None and wanted in str(error), f"refused: {error}"
     except knotfab.MachineError as error:
         # only a device may be lacking here: the same code, which knows of no device, runs on the CPU
         lacking = cell.row.name == "CUDA"
@@ -367,13 +348,11 @@ def build_cell(cell: Cell, folder: Path) -> tuple[bool, str]:
         return False, str(error)
     if cell.refusal is not None:
         return False, "built, though it should be refused"
-    found = Found(outcome)
-    failed = [
-        c["name"] for c in outcome.report["checks"] if c["required"] and c["status"] == "fail"
-    ]
-    ious = ", ".join(f"{view['iou']:.3f}" for view in outcome.report["views"] if view.get("iou"))
-    said = f"exit {outcome.exit_code}, IoU {ious or 'none'}" + (f", {failed}" if failed else "")
-    return cell.row.shows(found) and (outcome.exit_code == 0 or not cell.passes), said
+    report, code = outcome.report, outcome.exit_code
+    failed = [c["name"] for c in report["checks"] if c["required"] and c["status"] == "fail"]
+    ious = ", ".join(f"{view['iou']:.3f}" for view in report["views"] if view.get("iou"))
+    said = f"exit {code}, IoU {ious or 'none'}" + (f", {failed}" if failed else "")
+    return cell.row.shows(Found(outcome)) and (code == 0 or not cell.passes), said
 
 
 Result = tuple[bool, str, str]  # whether a cell is as it should be, what it came to, and the day
@@ -395,19 +374,16 @@ def _table(results: Mapping[Cell, Result]) -> str:
     for row in ROWS:
         words = []
         for column in COLUMNS:
-            cell = Cell(row, column)
-            if cell not in results:
-                words.append("not run")
-                continue
-            good, said = results[cell][0], results[cell][1].partition(". ")[0]  # without the remedy
+            good, said, _ = results.get(Cell(row, column), (True, "not run", ""))
+            said = said.partition(". ")[0]  # without the remedy
             if good and said.startswith(("refused", "not here")):
                 if said not in notes:
                     notes.append(said)
                 words.append(f"{said.split(':')[0]} [{notes.index(said) + 1}]")
-            elif good:
+            elif good and said != "not run":
                 words.append("works" if said.startswith("exit 0") else "exit 1")
             else:
-                words.append(f"**FAILS**: {said}")
+                words.append(said if good else f"**FAILS**: {said}")
         lines.append(f"| [{row.name}]({row.page}) | " + " | ".join(words) + " |")
     return "\n".join([*lines, "", *(f"[{n}] {note}  " for n, note in enumerate(notes, start=1))])
 
@@ -433,9 +409,7 @@ def main(
                 continue
             good, said = build_cell(cell, place)
             results[cell] = good, said, date.today().isoformat()
-            print(
-                f"{'ok  ' if good else 'FAIL'} {cell.row.name}, {cell.column}: {said}", flush=True
-            )
+            print(f"{'ok  ' if good else 'FAIL'} {name}: {said}", flush=True)
             if good:
                 done.write_text(json.dumps(results[cell][1:]), encoding="utf-8")
     table = _table(results)

@@ -12,24 +12,19 @@ from typing import Any, Literal
 
 from knotfab_formats.errors import plain
 
-# what a picture must stand out from to be read: 24 characters of DejaVu Sans (a free font), each stretched to
-# its box, in a column of squares
+# 24 characters of DejaVu Sans, stretched to squares in a column: what a picture that is read stands out from
 FOREIGN_SIGNS = Path(__file__).with_name("foreign.png")
 
-Place = tuple[float, float, float]
-"""A point in the coordinates of the measured file, mm."""
-
+Place = tuple[float, float, float]  # in the coordinates of the measured file, mm
 Status = Literal["pass", "fail", "skipped"]
 
 
 @dataclass(frozen=True)
 class Check:
-    """The outcome of one check.
+    """The outcome of one check; if it is `required`, a failure rejects the part.
 
-    `required` says whether a failure rejects the part; `measured` and `limit` are in `unit`, or
-    words where the thing is not a number; `detail` is one sentence for a person. `at` are the
-    places that decided, worst first: where to look when it fails, in the coordinates of the file
-    that was measured.
+    `measured` and `limit` are in `unit`, or words if not numbers; `detail` is a sentence for a person.
+    `at` are the places that decided, worst first: where to look when it fails.
     """
 
     name: str
@@ -79,8 +74,8 @@ WORDS = ("faithful", "good", "coarse", "not recognisable")
 class Recognition:
     """The verdict on a picture's shadow: a word, the reasons why it is no better one, and the losses.
 
-    Losses come worst first. Changes are counted by kind, including those in text. `touching` counts
-    places where pieces of the picture just touch, `cut_tips` tips that are cut off.
+    Losses come worst first. `touching` counts places where pieces of the picture just touch, `cut_tips` tips
+    that are cut off; the others count changes, those in text too.
     """
 
     word: str
@@ -113,10 +108,9 @@ class RoundWall:
 class Penumbra:
     """The effect of the lamp's size on the shadow.
 
-    `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is
-    hidden; `brightness_error` is how much the wall differs in brightness from the picture, of 1 from lit
-    to dark, summed within the padded frame and spread over the picture's; `hard_error` is the same for the
-    shadow that a point lamp in the middle would throw.
+    `widest_px` is the widest blur; `iou` compares the picture with where at least half of the lamp is hidden.
+    `brightness_error` is the difference in brightness (lit 1, dark 0) between wall and picture, summed within
+    the padded frame, per area of the picture; `hard_error` is that of a point lamp's shadow.
     """
 
     widest_px: float
@@ -146,8 +140,8 @@ class WorstMove(Move):
 class Misplacement:
     """The cost of lamp (or eye), piece and wall each being misplaced, one way at a time.
 
-    `iou` is that of the unmoved scene on the same grid; `samples` counts the shadows. Turns are named by
-    their axes, and are left out if nothing can turn; tilts are left out if the scene expects none.
+    `iou` is that of the unmoved scene on the same grid; `samples` counts the shadows. Turns (by axis) are
+    left out if nothing can turn, tilts if the scene expects none.
     """
 
     parting_px: float
@@ -197,11 +191,10 @@ class Bending:
 class Contrast:
     """The darkness of the shadow, (lit - dark) / lit, in the middle and where it is palest.
 
-    `falloff` is the lamp's least light within the frame over its greatest. `ambient`, `room` and
-    `second` are light from elsewhere, from the room's walls and from a second lamp. Strands let
-    `transmitted` of the lamp's light through, and throw at most `bounced` back at the wall. The
-    second lamp casts the shadow of the piece's middle `ghost_shift_mm` away, with `ghost_contrast`;
-    None without one.
+    `falloff` is the lamp's least light within the frame over its greatest. `ambient`, `room` and `second` are
+    light from elsewhere, from the room's walls and from a second lamp, which casts the shadow of the piece's
+    middle `ghost_shift_mm` away with `ghost_contrast`, or None. Strands let `transmitted` of the light
+    through, and throw at most `bounced` back at the wall.
     """
 
     contrast: float
@@ -249,8 +242,7 @@ class Named:
 class View:
     """One view of a part; `projection` and `receiver` are in the coordinates of the part's file.
 
-    The validators measure; a build adds what it knows of the picture, and the effects that it alone measures
-    (from `silhouette` on).
+    A build adds what it knows of the picture and the effects that it measures itself, from `silhouette` on.
     """
 
     name: str
@@ -307,10 +299,10 @@ class Lamp:
 
 @dataclass(frozen=True, kw_only=True)
 class Masks:
-    """The masks' account of a picture in colours, a loss that no shadow can mend; errors are mean ΔE.
+    """How well the masks give a coloured picture, which no shadow can better; errors are mean ΔE.
 
-    `masks_share` is the share of pixels where the masks ask for the mixed colour that is nearest to the
-    picture's. `swapped_delta_e` is the least error with the colours of two lamps swapped (`swapped`).
+    `masks_share` is the share of pixels where the masks ask for the mixed colour nearest to the picture's.
+    `swapped_delta_e` is the least error with the colours of two lamps swapped (`swapped`).
     """
 
     file: str
@@ -359,12 +351,11 @@ class Colours:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """The result of `validate`.
+    """The result of `validate`; `conclusion` is one line for a person.
 
-    `status` is "pass" or "fail". `exit_code` is 0 when every required check passed, 1 when one
-    failed, 3 when one could not run on this machine. `seconds` says what each stage cost; `picture` is the
-    file in which the failures were drawn; `conclusion` one line for a person, `size_mm` the part's extents,
-    `notes` what its reader passed over or asks. `colours` is None where no lamps mix.
+    `status` is "pass" or "fail"; for `exit_code` see the function. `seconds` says what each stage cost;
+    `picture` is the file in which failures were drawn, `size_mm` the part's extents, `notes` what its reader
+    passed over or asks. `colours` is None where no lamps mix.
     """
 
     status: str
@@ -391,24 +382,19 @@ MESH = (
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
 FILES = ("same_3mf",)  # the printed file is the verified one
-# checks of the part as a tube, where it is measured
-TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")
+TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")  # the part as a tube
 # measured together: their work is saved only where all of them are left out
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
-PRINTING = (
-    *("feature", "gap", "overhang", "support_volume"),
-    *("bridge", "floating", "islands", "standing"),
-)
-# a piece that prints without supports (`piece.supports` "none"), beside PRINTING
-GROWN = ("reach", "legs", "feet", "feet_level", "tipping", "voids")
+OVERHANGING = ("overhang", "support_volume", "bridge", "floating", "islands")
+PRINTING = ("feature", "gap", *OVERHANGING, "standing")
+GROWN = ("reach", "legs", "feet", "feet_level", "tipping", "voids")  # of a part without supports
 UPRIGHT = ("cut", "bars", *GROWN)
 HELD = ("level",)  # a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
 TABLE = ("table_mesh", "table_bars", "table", "table_shadow")  # the frame that holds several lamps
-# checks that do not concern a piece that is not to be printed
-PRINTER = ("build_volume", *PRINTING, *UPRIGHT, *PLATES, *TABLE)
+PRINTER = ("build_volume", *PRINTING, *UPRIGHT, *PLATES, *TABLE)  # of pieces to be printed only
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
-    *("half_light", "intrusion", "tone"),  # a lamp that has a size, a mount, greys
+    *("half_light", "intrusion", "tone"),  # for a wide lamp, a mount, greys
     *("colours", "lamp_colours"),  # several lamps on one screen
 )

@@ -385,11 +385,9 @@ def _tell_lost(srgb: Array, off: Array, seen: Array) -> tuple[str, ...]:
     told = []
     for key in names[np.argsort(-counts, kind="stable")][:4]:
         at = far & (keys == key)
-        if at.mean() < 0.5 * _TOLD[1]:
+        if (part := at.mean()) < 0.5 * _TOLD[1]:
             break
-        told.append(
-            f"{_name_median(srgb[at])} as {_name_median(seen[at])} ({100 * at.mean():.0f} %)"
-        )
+        told.append(f"{_name_median(srgb[at])} as {_name_median(seen[at])} ({100 * part:.0f} %)")
     if not told:  # only blurred outlines
         return ()
     share = f"{100 * far.mean():.0f} % of the picture has colours that these lamps cannot mix"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.verdict import GROWN, PRINTING, Check
+from knotfab_formats.verdict import GROWN, OVERHANGING, PRINTING, Check
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import at_least, at_most, places, skip_check, spot, time_stage
 from knotfab_validators.geometry.mesh import Mesh
@@ -40,7 +40,7 @@ GAP_TOLERANCE = 0.08  # a share of the nozzle; see `printability_checks`
 BED_MM = 1e-3  # tolerance of a height at the bed
 UNNAMED = "no printer was named: measured only"
 POWDER = "printed in powder, which carries the part wherever it lies: nothing overhangs, and nothing stands"
-CARRIED = ("overhang", "support_volume", "bridge", "floating", "islands", "standing")
+CARRIED = (*OVERHANGING, "standing")
 
 
 @dataclass(frozen=True)

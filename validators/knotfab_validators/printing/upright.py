@@ -16,7 +16,7 @@ from knotfab_formats.upright import (
     MOST_UNEVEN_MM,
     longest_free_leg_mm,
 )
-from knotfab_formats.verdict import GROWN, Check
+from knotfab_formats.verdict import GROWN, OVERHANGING, Check
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import at_least, at_most, skip_check, spot, worst_apart
 from knotfab_validators.geometry.mesh import Mesh, body_volumes, connect, number_bodies
@@ -57,9 +57,8 @@ def check_upright(part: Upright, layer_mm: float) -> list[Check]:
     mesh = part.mesh
     cut = slice_layers(mesh, layer_mm)
     if not (cut.floor == 0).any():
-        names = ("overhang", "support_volume", "bridge", "floating", "islands", *GROWN)
         why = f"no line of the first layer, {layer_mm:g} mm high, would be printed"
-        return [skip_check(name, why, required=True) for name in names]
+        return [skip_check(name, why, required=True) for name in (*OVERHANGING, *GROWN)]
     grown = follow_growth(cut)
     air = find_over_air(cut, grown.held)
     return [
