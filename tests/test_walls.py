@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -165,6 +166,13 @@ def imported(folder: str) -> set[str]:
     assert files
     names = set().union(*(imports_of(file.read_text("utf-8")) for file in files))
     return {name.partition(".")[0] for name in names}
+
+
+def test_no_module_loads_one_of_ours_by_a_name_that_import_linter_cannot_see() -> None:
+    for folder in ("knotfab", "validators", "formats", "fixtures"):
+        for file in sorted((ROOT / folder).rglob("*.py")):
+            text = file.read_text("utf-8")
+            assert not re.search(r"(?:import_module|__import__)\(\s*[\"']knotfab", text), file
 
 
 @pytest.mark.slow

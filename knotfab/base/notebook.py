@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 from dataclasses import fields
 from typing import Any
+
+from knotfab.base.apps import load_app
+from knotfab.base.errors import MachineError
 
 _LONGEST = 80  # characters of a value
 
@@ -14,9 +16,10 @@ class InNotebook:
     """Base of the dataclasses (`repr=False`) that the public functions return."""
 
     def _repr_html_(self) -> str | None:
-        # the caption is the picture's name
-        page = importlib.import_module("knotfab.report.notebook")
-        shown: str | None = page.show(self)
+        try:
+            shown: str | None = load_app("notebook").show(self)
+        except MachineError:  # an installation without apps: the `repr` is shown
+            return None
         return shown
 
     def __repr__(self) -> str:
