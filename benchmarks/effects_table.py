@@ -123,7 +123,7 @@ def bound_and_truth(rng: np.random.Generator, kind: str) -> tuple[float, float]:
         if height.min() > radius:  # before the tilted wall
             break
     magnitude = PENUMBRA.magnitude(EffectContext((view,), points, radius, 0.25))
-    worst = points[np.argsort(blurs_mm(Shadows.of(view, points), radius))[-_WORST:]]
+    worst = points[np.argsort(blurs_mm(Shadows.from_points(view, points), radius))[-_WORST:]]
     way = rng.normal(size=(_ROUND, 3))
     way *= radius / np.linalg.norm(way, axis=1)[:, None]
     truth = max(true_blur(view, middle + step) for middle in worst for step in way)

@@ -128,7 +128,7 @@ class LampCase:
 
     def claimed(self) -> float:
         """Return the bound that the effect uses, mm."""
-        return float(blurs_mm(Shadows.of(self.view, np.array([self.at])), _THIN_MM)[0])
+        return float(blurs_mm(Shadows.from_points(self.view, np.array([self.at])), _THIN_MM)[0])
 
     def true(self) -> float:
         """Return the longer axis of the ellipse in which the wall cuts the cone of rays about the ball."""

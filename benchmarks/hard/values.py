@@ -14,7 +14,7 @@ from torch.func import functional_call
 
 from knotfab.apps.paper.network_search import Coupling, CouplingNetwork, Rigid, rotation
 from knotfab.base.arrays import Array
-from knotfab.limits.region import outside
+from knotfab.limits.region import region_excess
 from knotfab.render.device import known
 from knotfab_formats.scene import SettledRegion
 from paper.losses import (
@@ -70,7 +70,7 @@ def _neighbours(count: int) -> Function:
 
 def spill(points: Tensor, region: SettledRegion, radius: float, power: int = 1) -> Tensor:
     """Measure how far balls about points [n, 3] stick out of a region, summed, or the squares of that."""
-    excess, away = outside(points.detach().numpy(), region, radius)
+    excess, away = region_excess(points.detach().numpy(), region, radius)
     over = np.maximum(excess, 0.0)
     slope = np.where(over > 0, power * over ** (power - 1), 0.0)
     return known(float((over**power).sum()), (points, slope[:, None] * away))

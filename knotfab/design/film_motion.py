@@ -100,9 +100,9 @@ class Anchor(Term):
         return weights.hold * float((beyond * beyond).sum()), slope
 
     def kept(self, points: Array) -> bool:
-        return self.beyond(points) <= 0
+        return self.excess(points) <= 0
 
-    def beyond(self, points: Array) -> float:
+    def excess(self, points: Array) -> float:
         """Return the largest excess over the limit, mm; negative while all vertices keep it."""
         return float(np.linalg.norm(points - self.points, axis=1).max()) - self.limit_mm
 

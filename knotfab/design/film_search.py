@@ -101,7 +101,7 @@ def search_frame(
             log=log,
             device=device,
         )
-        return FrameResult(result, _beyond(result, anchors), 0.0)
+        return FrameResult(result, _largest_excess(result, anchors), 0.0)
     # `finish_frame` adds vertices, which bend more where edges are uneven
     new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
     (was,), (now,) = old.polygons, new.polygons
@@ -128,7 +128,7 @@ def search_frame(
         device=device,
         report=report,
     )
-    return FrameResult(result, _beyond(result, anchors), moved.reached)
+    return FrameResult(result, _largest_excess(result, anchors), moved.reached)
 
 
 def is_far(
@@ -174,11 +174,11 @@ def finish_frame(
         device=device,
     )
     result.add_work(earlier)
-    return FrameResult(result, _beyond(result, anchors))
+    return FrameResult(result, _largest_excess(result, anchors))
 
 
-def _beyond(result: SearchResult, anchors: Sequence[Anchor]) -> float:
-    return max((a.beyond(result.knots.points) for a in anchors), default=-np.inf)
+def _largest_excess(result: SearchResult, anchors: Sequence[Anchor]) -> float:
+    return max((a.excess(result.knots.points) for a in anchors), default=-np.inf)
 
 
 def double_vertices(points: Array, rings: Polylines) -> tuple[Carried, Polylines]:

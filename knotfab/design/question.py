@@ -169,7 +169,7 @@ def ask(
         # three pictures leave each other little room; two are drawn best with equal goals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 and apart is None else None,
         switches=dict(scene.effects),
-        world=World.of(scene),
+        world=World.from_scene(scene),
     )
     return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
 

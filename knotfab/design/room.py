@@ -98,7 +98,7 @@ def depth_extent(
     low_x, low_y, high_x, high_y = polygon.bounds
     usual = DEPTH_RATIO * (max(high_x - low_x, high_y - low_y) + 2 * radius)
     wanted = asked or usual
-    room = most_depth_mm(0.5 * _across(region, np.asarray(ahead)), radius)
+    room = most_depth_mm(0.5 * _length_along(region, np.asarray(ahead)), radius)
     if room <= 0:
         raise SceneError(
             "the region",
@@ -164,7 +164,7 @@ def least_wall_mm(back_mm: float, radius: float) -> float:
     return (back_mm + _BESIDE_RADII * radius) / WALL_SHARE
 
 
-def _across(region: SettledRegion, ahead: Array) -> float:
+def _length_along(region: SettledRegion, ahead: Array) -> float:
     """Return the length of a region along a direction (3,), symmetric about the origin, mm."""
     if region.kind == "mesh" and region.file is not None:
         least, most = region_mesh(region.file, region.center_mm).bounds

@@ -43,7 +43,7 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
     # imported here, for refused calls do not need it
     from scipy.ndimage import map_coordinates
 
-    wall = CurvedWall.of(view)
+    wall = CurvedWall.from_view(view)
     if wall is None or target.flattened_s is not None:
         return target
     begun = time.perf_counter()

@@ -34,7 +34,7 @@ class World:
     loose_turns: bool = True
 
     @staticmethod
-    def of(scene: ResolvedScene) -> World:
+    def from_scene(scene: ResolvedScene) -> World:
         """Return the world of a scene, taking its piece to be one knot."""
         found = scene.mount.turns
         turns, loose = (not scene.hangs(n) if found is None else found for n in (1, 2))
@@ -66,7 +66,7 @@ class EffectContext:
     def shadows(self) -> tuple[Shadows, ...]:
         """The shadows of the points, in each view."""
 
-        return tuple(Shadows.of(view, self.points) for view in self.views)
+        return tuple(Shadows.from_points(view, self.points) for view in self.views)
 
 
 @dataclass(frozen=True)
@@ -202,14 +202,14 @@ class OnWall:
 
     @staticmethod
     @lru_cache(maxsize=8)  # the same views are asked for many times
-    def of(view: ResolvedView) -> OnWall:
+    def from_view(view: ResolvedView) -> OnWall:
         """Return a view's light and wall."""
         camera = camera_of(view, 1, 1)
         axes = np.stack([camera.du, -camera.dv, camera.receiver[:3]])
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         foot = -camera.receiver[3] * camera.receiver[:3]
         lamp, middle = axes @ (camera.eye - foot), axes @ (camera.corner - foot)
-        return OnWall(axes, foot, lamp, middle, CurvedWall.of(view))
+        return OnWall(axes, foot, lamp, middle, CurvedWall.from_view(view))
 
     @property
     def bend(self) -> float:
@@ -234,9 +234,9 @@ class Shadows:
     places: Array
 
     @staticmethod
-    def of(view: ResolvedView, points: Array) -> Shadows:
+    def from_points(view: ResolvedView, points: Array) -> Shadows:
         """Return the shadows of points (n, 3) of the scene."""
-        wall = OnWall.of(view)
+        wall = OnWall.from_view(view)
         return Shadows(view, wall, wall.place(points))
 
     def of_places(self, places: Array) -> Shadows:

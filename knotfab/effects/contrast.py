@@ -55,7 +55,7 @@ def contrast_of(seen: Shadows, radius: float, world: World) -> Contrast | None:
     second_mm = room.second_lamp_mm
     back = spread / (1e6 * room.area_m2 * middle) if room.area_m2 > 0 else 0.0
     second = 0.0 if second_mm is None else room.second_lamp_share
-    transmitted = _through(transmittance, radius) if transmittance > 0 else 0.0
+    transmitted = _transmitted_share(transmittance, radius) if transmittance > 0 else 0.0
     bounced = _bounced(seen, radius, world) if room.reflectance > 0 else 0.0
     other = room.ambient + back + second
 
@@ -87,7 +87,7 @@ def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
     ends = (np.linspace(-0.5, n - 0.5, n) for n in _PLACES)
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(*ends))
     at, normal = camera.corner + u * camera.du + v * camera.dv, camera.receiver[:3]
-    wall = CurvedWall.of(view)
+    wall = CurvedWall.from_view(view)
     if wall is not None:
         at, normal = wall.stand((at - wall.foot) @ wall.axes[:2].T)
     ray = at - camera.eye
@@ -103,12 +103,12 @@ def _lamp_light(view: ResolvedView, flat: bool) -> tuple[float, float]:
 
 def _ghost_shift(view: ResolvedView, second: Array) -> float:
     """Return the distance on the wall between two lamps' shadows of the scene's origin, mm."""
-    wall = OnWall.of(view)
+    wall = OnWall.from_view(view)
     origin, lamp = wall.place(np.zeros((1, 3))), wall.place(second[None])[0]
     return float(np.linalg.norm(wall.cast(origin, lamp) - wall.cast(origin)))
 
 
-def _through(transmittance: float, radius: float) -> float:
+def _transmitted_share(transmittance: float, radius: float) -> float:
     """Return the share of light that passes a strand, averaged across it."""
     x = (np.arange(_CHORDS) + 0.5) / _CHORDS
     return float((transmittance ** (2 * radius * np.sqrt(1 - x**2))).mean())

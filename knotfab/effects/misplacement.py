@@ -50,7 +50,7 @@ class _Field:
     slopes: Array
 
     @staticmethod
-    def of(seen: Shadows, middle: Array, turns: bool) -> _Field:
+    def from_shadows(seen: Shadows, middle: Array, turns: bool) -> _Field:
         """Return the field of shadows; the piece turns about `middle` if `turns`, else hangs on the wall."""
         wall = seen.wall
         found = _moves(seen.places, seen.feet, seen.axes, wall.lamp, middle, wall.middle, turns)
@@ -173,7 +173,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
         return Parting(0.0, 0.0, 0.0)
     wall, placing, places = seen.wall, world.placing, seen.places
     middle, far = seen.span
-    field, far = _Field.of(seen, middle, world.turns), far + radius
+    field, far = _Field.from_shadows(seen, middle, world.turns), far + radius
     clear = float(field.below.min() - radius)
     off = placing.lamp_mm
     angle = float(np.radians(placing.turn_deg)) if world.turns else 0.0
@@ -190,7 +190,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
     near, here = places[some], here[some]
     squares = np.zeros((3, len(some)))
     for step in radius * np.eye(3):
-        there = _Field.of(seen.of_places(near + step), middle, world.turns)
+        there = _Field.from_shadows(seen.of_places(near + step), middle, world.turns)
         squares += _largest(_left(there.moves, there.shadows, likeness, centre) - here) ** 2
     by_lamp, by_turn, *by_tilt = (sizes[:, some] + np.sqrt(squares[:kinds])).max(axis=1).tolist()
     grows = _largest(field.moves) if wall.round is not None else None
@@ -272,8 +272,8 @@ class Steadying:
         (a normal variable's mean size, half of the square), so that the two silhouettes differ by a share
         s = u / sqrt(pi) times the outline's length over the area of either, and 1 - IoU = s / (1 + s / 2).
         """
-        seen, placing = Shadows.of(self.view, points @ self.axes), self.world.placing
-        field = _Field.of(seen, seen.span[0], self.world.turns)
+        seen, placing = Shadows.from_points(self.view, points @ self.axes), self.world.placing
+        field = _Field.from_shadows(seen, seen.span[0], self.world.turns)
         angle = np.radians(placing.turn_deg) if self.world.turns else 0.0
         sizes = np.array([placing.lamp_mm, angle, np.tan(np.radians(placing.tilt_deg))])
         likeness, weights, _ = _likeness(field.moves, field.shadows)

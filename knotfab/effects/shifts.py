@@ -106,7 +106,7 @@ def measure_sag(
     from knotfab.render.image import image_at
 
     image = image_at(view, mask, radius, VERIFIED_PX)
-    shift = shifts_mm(Shadows.of(view, points), moves[None], 0.0).max()
+    shift = shifts_mm(Shadows.from_points(view, points), moves[None], 0.0).max()
     widest = float(shift) / view.pixel_mm
     wanted = image.target > 0.5
     pixel_mm, columns = image.sheet.pixel_mm, wanted.shape[1]
@@ -134,7 +134,7 @@ def allow_sag_mm(views: Sequence[ResolvedView], points: Array, radius: float) ->
     """
     least = np.inf
     for view in views:
-        seen = Shadows.of(view, points)
+        seen = Shadows.from_points(view, points)
         aside, towards = (
             shifts_mm(seen, _UNIT_MM * seen.wall.axes[k][None, None], 0.0)[0] / _UNIT_MM
             for k in (0, 2)
@@ -193,7 +193,7 @@ LAYERS = Effect(
 
 def wall_magnitude(context: EffectContext) -> float:
     """Return how far the picture on the flat wall would lie from that on the round one, px."""
-    walls = [(view, CurvedWall.of(view)) for view in context.views]
+    walls = [(view, CurvedWall.from_view(view)) for view in context.views]
     return max((w.off_mm / view.pixel_mm for view, w in walls if w is not None), default=0.0)
 
 

@@ -224,7 +224,7 @@ def step_limits(points: Array, rings: Polylines, near: Neighbours, largest: floa
 _LEAST = 24
 
 
-def _at(points: Array, parameter: Array, where: Array) -> Array:
+def _interpolate(points: Array, parameter: Array, where: Array) -> Array:
     """Interpolate the closed polyline with vertices at `parameter` [n + 1] at `where`."""
     return points_at(np.concatenate([points, points[:1]]), parameter, where)
 
@@ -269,10 +269,10 @@ def _resample_one(part: Array, edge_mm: float, smooth: bool) -> tuple[Array, Arr
             where = np.interp(np.linspace(0.0, at[-1], count + 1), at, where)
         fresh = np.asarray(spline(where[:-1]))
     else:
-        fresh = _at(part, arc, where[:-1])
+        fresh = _interpolate(part, arc, where[:-1])
     union = np.unique(np.concatenate([arc[:-1], where[:-1]]))
     union = union[np.diff(union, append=arc[-1]) > 1e-6 * arc[-1] / count]
-    return fresh, _at(part, arc, union), _at(fresh, where, union)
+    return fresh, _interpolate(part, arc, union), _interpolate(fresh, where, union)
 
 
 def subdivide(points: Array, rings: Polylines, edge_mm: float) -> tuple[Array, Polylines]:

@@ -115,7 +115,7 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
     reaches down to what fills the grid's cell below it. About 2 ms for 6000 rods.
     """
     r = strands.radius
-    pose = _PosedStrands.of(strands, turn, rules)
+    pose = _PosedStrands.turned(strands, turn, rules)
     z, level = pose.at[:, 2], pose.level
     columns = pose.columns(rules)
     tall, area = columns.tall, columns.area
@@ -139,7 +139,7 @@ def estimate(strands: Strands, turn: Array, rules: Rules) -> Estimate:
 
 def support_cm3(strands: Strands, turn: Array, rules: Rules) -> float:
     """Return only the `support_cm3` of `estimate`, which is quick enough for thousands of curves."""
-    return _PosedStrands.of(strands, turn, rules).columns(rules).volume_cm3
+    return _PosedStrands.turned(strands, turn, rules).columns(rules).volume_cm3
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ class _PosedStrands:
     wide: Array
 
     @classmethod
-    def of(cls, strands: Strands, turn: Array, rules: Rules) -> _PosedStrands:
+    def turned(cls, strands: Strands, turn: Array, rules: Rules) -> _PosedStrands:
         r, at, along = strands.radius, strands.middle @ turn.T, strands.along @ turn.T
         level = np.hypot(along[:, 0], along[:, 1])
         at[:, 2] -= float((at[:, 2] - r * level).min())

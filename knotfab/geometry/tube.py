@@ -195,7 +195,7 @@ def _require_room(p: Array, edges: Array, lengths: Array, radius_mm: float) -> N
         i = int(lengths.argmin())
         raise SceneError(
             "the centre line",
-            f"vertices {i} and {(i + 1) % len(p)} coincide at {_place(p[i])}",
+            f"vertices {i} and {(i + 1) % len(p)} coincide at {_format_point(p[i])}",
             "Resample the polyline",
         )
     back = np.roll(edges, 1, axis=0)
@@ -211,7 +211,7 @@ def _require_room(p: Array, edges: Array, lengths: Array, radius_mm: float) -> N
         i = int(bend.argmin())
         raise SceneError(
             "the centre line",
-            f"at vertex {i} {_place(p[i])} it bends to a radius of {bend[i]:.4g} mm, and a tube of "
+            f"at vertex {i} {_format_point(p[i])} it bends to a radius of {bend[i]:.4g} mm, and a tube of "
             f"radius {radius_mm:.4g} mm would fold there ({int(tight.sum())} vertices in all)",
             "Use a thinner tube, or smooth the line",
         )
@@ -228,12 +228,12 @@ def _require_unfolded(lengths: Array, slide: Array, following: Array, p: Array) 
         i = int(least.argmin())
         raise SceneError(
             "the tube's mesh",
-            f"rings {i} and {(i + 1) % len(p)} cross near {_place(p[i])}",
+            f"rings {i} and {(i + 1) % len(p)} cross near {_format_point(p[i])}",
             "Use a thinner tube, more sides, or smooth the line",
         )
 
 
-def _place(point: Array) -> str:
+def _format_point(point: Array) -> str:
     return f"({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) mm"
 
 

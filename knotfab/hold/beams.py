@@ -35,7 +35,7 @@ class Stiffness:
     max_sag_mm: float
 
     @classmethod
-    def of(cls, scene: SettledScene, knots: Knots) -> Stiffness:
+    def from_scene(cls, scene: SettledScene, knots: Knots) -> Stiffness:
         """Read a scene's material, and how far its mount may let these knots sag."""
         material, most = scene.material, scene.mount.max_sag_mm
         if most is None:

@@ -150,11 +150,11 @@ def choose_post(
     shown = np.array([shadows.cost(ring_bars(one)).sum() for one in rings])
     cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")[:_TRIED]
-    clear = obstacles.clear(every.of(order))
+    clear = obstacles.clear(every.take(order))
     if not clear.any():
         raise no_place()
     best = int(order[clear.argmax()])
-    return centre_eyelet(every.of([best]), rings[number[best]], middle)
+    return centre_eyelet(every.take([best]), rings[number[best]], middle)
 
 
 def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:

@@ -105,8 +105,8 @@ def plan_hang(
     obstacles = Obstacles(knots, sites, clearance_mm)
     near = near_struts(sites, tube)
     unseen = shadows.hidden(near)
-    seen = least_shown(near.of(~unseen), shadows, BRIDGES, len(sites.knot))
-    pool = join_members([near.of(unseen), seen, list_bridges(sites, shadows, tube, thin)])
+    seen = least_shown(near.take(~unseen), shadows, BRIDGES, len(sites.knot))
+    pool = join_members([near.take(unseen), seen, list_bridges(sites, shadows, tube, thin)])
     visible = np.arange(len(pool)) >= unseen.sum()
     longest = int(np.argmax(sites.perimeter))
     joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
@@ -205,10 +205,10 @@ class _Hanger:
             dark.add(join_members([*posts, *map(ring_bars, rings)]))
             given, settings = join_members([self.joints, *posts]), (self.pool, self.visible)
             members = plan_members(knots, sites, way, dark, *settings, given, firm).members
-            struts = members.of(np.r_[:number, len(given) : len(members)])
+            struts = members.take(np.r_[:number, len(given) : len(members)])
             # those that were thickened are found where they were given
             ends = number + np.cumsum([0, *map(len, posts)])
-            posts = [members.of(np.arange(a, b)) for a, b in pairwise(ends)]
+            posts = [members.take(np.arange(a, b)) for a, b in pairwise(ends)]
             for _ in range(_ROUNDS):
                 masses = masses_of(knots, join_members([struts, *posts]))
                 middle = _centre_of_mass(masses, *(ring.masses for ring in rings))
@@ -276,7 +276,7 @@ class _Hanger:
             way.add(join_members([no_members(), *others]))
             pool = list_posts(sites, post, ring.ring_mm + ring.wire_mm + tube)
             free = way.clear(pool) & leave_no_gap(pool, ring, way.clearance)
-            pools.append(pool.of(free))
+            pools.append(pool.take(free))
         pool = join_members(pools)
         owner = np.repeat(np.arange(len(rings)), [len(one) for one in pools])
         away = (pool.start - pool.end) / pool.length_mm[:, None]
@@ -302,8 +302,8 @@ class _Hanger:
                 apart = (away @ there.T).max(axis=1) <= 0.7
                 parted |= (owner == k) & apart & (len(own) < MOST_POSTS)
             numbers = np.flatnonzero(parted)
-            spread = self._spread(pool.of(numbers))
-            tried = pool.of(numbers[spread])
+            spread = self._spread(pool.take(numbers))
+            tried = pool.take(numbers[spread])
             sags = [sag(moved) for moved in held.displacements_with_each(tried, *springs(tried))]
             enough = max(map(len, posts)) >= fewest
             # a further post must leave at most this share of the sag before
@@ -311,7 +311,7 @@ class _Hanger:
                 break
             least = min(sags)
             pick = sags.index(least)
-            k, one = int(owner[numbers[spread[pick]]]), tried.of([pick])
+            k, one = int(owner[numbers[spread[pick]]]), tried.take([pick])
             posts[k], more = join_members([posts[k], one]), join_members([more, one])
             held.hold(more, *springs(more))
         return posts

@@ -214,7 +214,7 @@ class _Layout:
         begin = self._begin
         end = max(*(float(z) for z in self.lamps[:, 2]), 0.0) + WIDTH_MM / 2
         half = self.spine / 2
-        ridges = [(z0, z1, -half, half, high) for z0, z1, high in self._across()]
+        ridges = [(z0, z1, -half, half, high) for z0, z1, high in self._cross_ridges()]
         spine = _cut_bar(
             Bar(
                 np.array([0.0, begin]),
@@ -266,7 +266,7 @@ class _Layout:
         middle = self._begin + WIDTH_MM / 2
         length = max(self.reach - self.spine / 2, 30.0)
         ridges = []
-        for z0, z1, high in self._across()[:2]:
+        for z0, z1, high in self._cross_ridges()[:2]:
             y0, y1 = sorted((side * (z0 - middle), side * (z1 - middle)))
             ridges.append((0.0, length, y0, y1, high))
         return self._arm(side, middle, length, ridges=tuple(ridges))
@@ -297,7 +297,7 @@ class _Layout:
         """Return how far out of the piece's middle the spine begins, behind the screen's slot."""
         return self.screen - CARD_MM - CARD_PLAY_MM - RIDGE_MM - 4.0
 
-    def _across(self) -> list[tuple[float, float, float]]:
+    def _cross_ridges(self) -> list[tuple[float, float, float]]:
         """List ridges across the spine (from, to, height): along slot and stand."""
         front, back = self.screen, self.screen - CARD_MM - CARD_PLAY_MM
         found = [(front, front + RIDGE_MM, SLOT_MM), (back - RIDGE_MM, back, SLOT_MM)]

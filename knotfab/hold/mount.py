@@ -62,13 +62,13 @@ def mount_piece(
     asked, every = scene.mount, range(len(tubes))
     if asked.kind == "none":
         return Mounted(tubes, _name_knots(len(tubes)), scene, None)
-    stiffness, clearance_mm = Stiffness.of(scene, knots), scene.piece.clearance_mm
+    stiffness, clearance_mm = Stiffness.from_scene(scene, knots), scene.piece.clearance_mm
     least_mm, ends = scene.printer.min_tube_radius_mm, scene.screen_ends
     if asked.kind in ("stand", "hang") and len(targets) != len(cameras):
         raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
     if asked.kind == "stand":
         settings = StandSettings(asked.base_thickness_mm, asked.min_tip_deg, least_mm)
-        walls = [wall for view in scene.views if (wall := CurvedWall.of(view)) is not None]
+        walls = [wall for view in scene.views if (wall := CurvedWall.from_view(view)) is not None]
         stand = plan_stand(knots, cameras, targets, clearance_mm, stiffness, settings, walls, ends)
         count = tuple(int((stand.holds == k).sum()) for k in every)
         scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
@@ -110,7 +110,9 @@ def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera])
         kind = "wall" if scene.hangs(len(knots.knots)) else "none"
     if foot == "auto":
         foot = choose_foot(scene, knots, cameras[0]) if kind == "wall" else "plate"
-    sag = scene.mount.max_sag_mm if kind == "none" else Stiffness.of(scene, knots).max_sag_mm
+    sag = (
+        scene.mount.max_sag_mm if kind == "none" else Stiffness.from_scene(scene, knots).max_sag_mm
+    )
     return scene.but(mount=scene.mount.but(kind=kind, foot=foot, max_sag_mm=sag))
 
 
@@ -248,13 +250,13 @@ class Mounted:
         plate, view = self.wall.plate, self.scene.views[0]
         middle = camera_of(view, 1, 1).middle
 
-        def place(flat: Array) -> list[list[float]]:
+        def on_wall(flat: Array) -> list[list[float]]:
             found = (middle + flat @ self.upright[:2]) @ turn.T + shift  # type: ignore[index]
             return [[float(x) for x in row] for row in found]
 
         return {
-            "outline": place(plate.outline),
-            "holes": place(plate.holes),
+            "outline": on_wall(plate.outline),
+            "holes": on_wall(plate.holes),
             "hole_mm": scale * self.wall.settings.hole_diameter_mm,
             "thickness_mm": scale * self.wall.settings.thickness_mm,
             "out": (turn @ self.upright[2] / scale).tolist(),

@@ -58,14 +58,14 @@ def hidden_braces(
             _list_leaning(sites, shadows, camera, knots.radius_mm),
         ]
     )
-    pool = pool.of(shadows.behind_knots(pool))
+    pool = pool.take(shadows.behind_knots(pool))
     # a peg is taken to be no stiffer than its cone, so that the struts hold in the finer model too
     given = replace(pegs, radius=np.sqrt(pegs.radius * pegs.foot_radius), end_radius=None)
     none = np.zeros(len(pool), dtype=bool)
     braced = plan_members(
         knots, sites, obstacles, shadows, pool, none, given, stiffness, settled=True
     )
-    return braced.members.of(np.arange(len(given), len(braced.members)))
+    return braced.members.take(np.arange(len(given), len(braced.members)))
 
 
 def tie_to_held(
@@ -119,11 +119,11 @@ def _tie_knot(
     pairs = np.column_stack([own[near[:, 0]], held[near[:, 1]]])
     tube = obstacles.tube
     ways = list_struts(sites, pairs, tube, HIDDEN_SHARE * tube)
-    ways = ways.of(shadows.hidden(ways))
-    ways = ways.of(shadows.behind_knots(ways))
-    ways = ways.of(np.argsort(ways.length_mm, kind="stable"))
+    ways = ways.take(shadows.hidden(ways))
+    ways = ways.take(shadows.behind_knots(ways))
+    ways = ways.take(np.argsort(ways.length_mm, kind="stable"))
     for n in range(len(ways)):
-        if obstacles.clear(one := ways.of([n]))[0]:
+        if obstacles.clear(one := ways.take([n]))[0]:
             return one
     return no_members()
 
@@ -163,7 +163,7 @@ def _list_leaning(
     n = np.flatnonzero(fits)
     radius = np.full(len(n), HIDDEN_SHARE * tube_mm)
     every = Candidates(first[n], np.full(len(n), GROUND), start[n], end[n], radius)
-    return every.of(shadows.hidden(every))
+    return every.take(shadows.hidden(every))
 
 
 # Choose as few pegs as keep every knot from sagging: one for each, and those that `planner` adds.
@@ -217,7 +217,7 @@ def choose_pegs(
         own = _spread_rays(one, rays, own[clear] if clear.any() else own)
         sites = sites_of(one, JOINT_RADII, {0: rays.vertex[own]})
         pegs = pegs_along(rays, own, *radii, np.searchsorted(sites.vertex, rays.vertex[own]))
-        feet.add(given := pegs.of([0]))
+        feet.add(given := pegs.take([0]))
         none = np.zeros(len(pegs), dtype=bool)
         found = plan_members(
             one, sites, feet, unseen, pegs, none, given, stiffness, PEGS, settled=True

@@ -115,7 +115,7 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
         else:
             holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T
     base = None if mounted.stand is None else mounted.stand.base
-    bent = None if view is None else CurvedWall.of(view)
+    bent = None if view is None else CurvedWall.from_view(view)
     places = _mark_places(wall, middle, (width, height), plate, base)
     if bent is not None and base is None:
         flat = np.stack(list(places.values())) - bent.foot

@@ -33,11 +33,11 @@ class MemberHolder(Holder):
 
     @property
     def posts(self) -> Candidates:
-        return self.members.of(self.members.second == GROUND)
+        return self.members.take(self.members.second == GROUND)
 
     @property
     def struts(self) -> Candidates:
-        return self.members.of(self.members.second != GROUND)
+        return self.members.take(self.members.second != GROUND)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def plan_members(
     limit = manner.wanted * stiffness.max_sag_mm
     best, least = (given, plan.taken), np.inf
     while True:
-        moved, sag, _ = piece.on(plan.members)
+        moved, sag, _ = piece.deflect(plan.members)
         if sag < least:
             least, best = sag, (plan.members, plan.taken)
         if sag <= limit or len(plan.members) >= len(given) + MOST:
@@ -101,9 +101,9 @@ def plan_members(
     members, taken = best
     thinnest = float(candidates.radius[visible].min(initial=np.inf))
     left, members = _prune(piece, members, plan.seen_of(members, unasked), limit, thinnest)
-    _, sag, at = piece.on(members, left)
+    _, sag, at = piece.deflect(members, left)
     new = left[len(given) :] - len(given)
-    return Planned(members.of(left), np.array(taken, dtype=np.int64)[new], sag, at)
+    return Planned(members.take(left), np.array(taken, dtype=np.int64)[new], sag, at)
 
 
 @dataclass(frozen=True)
@@ -136,12 +136,12 @@ class _Plan:
         self.dear = 1e-5 * max(self.shadows.pixels, 1.0)
         self.shown = np.flatnonzero(self.visible)
         self.cost = np.zeros(len(self.candidates))
-        self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
+        self.cost[self.shown] = self.shadows.cost(self.candidates.take(self.shown))
 
     def seen_of(self, members: Candidates, known: Array) -> Array:
         """Return the summed share of frames that each member darkens, (n,); `known` come first."""
         asked = range(len(known), len(members))
-        return np.append(known, [self.shadows.darken(members.of([n])).sum() for n in asked])
+        return np.append(known, [self.shadows.darken(members.take([n])).sum() for n in asked])
 
     def find_change(self, piece: _Piece, moved: Array) -> _Change | None:
         """Find the change that helps most for its price; None if none helps."""
@@ -153,7 +153,7 @@ class _Plan:
             hidden = search.best(promise, ~self.visible, manner.tried)
             # some candidates that darken pixels are tried before one is added
             tried = np.append(hidden, search.best(promise, self.visible, 6))
-            every = join_members([self.candidates.of(tried), thicker])
+            every = join_members([self.candidates.take(tried), thicker])
             before = np.append(np.zeros(len(tried)), self.members.radius[old])
             price = np.append(self.cost[tried], dearer)
             gain = piece.gains(every, before, moved, manner)
@@ -161,7 +161,7 @@ class _Plan:
             if len(worth) and worth.max() > 0:
                 pick = int(worth.argmax())
                 number = int(np.append(tried, old)[pick])
-                return _Change(number, pick < len(tried), every.of([pick]), float(price[pick]))
+                return _Change(number, pick < len(tried), every.take([pick]), float(price[pick]))
             search.spoiled += tried.tolist()
         return None
 
@@ -169,10 +169,10 @@ class _Plan:
         """Thicken members that show and have room; return their numbers, themselves, and prices in pixels."""
         self.seen = self.seen_of(self.members, self.seen)
         old = np.flatnonzero(self.seen > SEEN_SHARE)
-        thicker = self.members.of(old).thicken(THICKER, self.most_mm)
-        room = [self.way.clear(thicker.of([i]), but=int(n))[0] for i, n in enumerate(old)]
+        thicker = self.members.take(old).thicken(THICKER, self.most_mm)
+        room = [self.way.clear(thicker.take([i]), but=int(n))[0] for i, n in enumerate(old)]
         use = np.array(room, dtype=bool) & (thicker.radius > self.members.radius[old])
-        old, thicker = old[use], thicker.of(use)
+        old, thicker = old[use], thicker.take(use)
         more = thicker.radius / self.members.radius[old] - 1
         return old, thicker, more * (self.seen[old] * self.shadows.pixels)
 
@@ -191,7 +191,7 @@ class _Plan:
         self.search.afresh()
         if change.pixels > 0:
             self.shadows.add(one)
-            self.cost[self.shown] = self.shadows.cost(self.candidates.of(self.shown))
+            self.cost[self.shown] = self.shadows.cost(self.candidates.take(self.shown))
 
 
 class _Piece:
@@ -201,7 +201,9 @@ class _Piece:
         self.sites, self.given, self.stiffness = sites, given, stiffness
         self.frame = HeldFrame(piece_frame(knots, sites, given, stiffness))
 
-    def on(self, members: Candidates, left: Indices | None = None) -> tuple[Array, float, Array]:
+    def deflect(
+        self, members: Candidates, left: Indices | None = None
+    ) -> tuple[Array, float, Array]:
         """Return how the sites move, (n, 6), the largest displacement, mm, and its place (3,).
 
         All `members` hold the piece, or only those numbered in `left` beside the given ones."""
@@ -210,7 +212,7 @@ class _Piece:
         changed = members.radius != before
         if left is not None:
             changed &= np.isin(np.arange(len(members)), left)
-        some = members.of(changed)
+        some = members.take(changed)
         self.frame.hold(some, *springs_of(some, before[changed], self.stiffness))
         moved = self.frame.displacements()[: len(self.sites.knot)]
         size = np.linalg.norm(moved[:, :3], axis=1)
@@ -245,10 +247,10 @@ class _Search:
         order = order[np.argsort(-promise[order], kind="stable")]
         found: list[int] = []
         for number in order:
-            if self._near(number, found) or self._near(number, self.spoiled):
+            if self._has_neighbour(number, found) or self._has_neighbour(number, self.spoiled):
                 continue
             if not self.free[number]:
-                self.free[number] = self.way.clear(self.candidates.of([number]))[0]
+                self.free[number] = self.way.clear(self.candidates.take([number]))[0]
                 self.blocked[number] = not self.free[number]
             if self.free[number]:
                 found.append(int(number))
@@ -256,7 +258,7 @@ class _Search:
                 break
         return np.array(found, dtype=np.int64)
 
-    def _near(self, number: int, others: list[int]) -> bool:
+    def _has_neighbour(self, number: int, others: list[int]) -> bool:
         c = self.candidates
         start = np.linalg.norm(c.start[others] - c.start[number], axis=1)
         end = np.linalg.norm(c.end[others] - c.end[number], axis=1)
@@ -346,17 +348,17 @@ def _prune(
     Args:
         dark: (n,) the share of the frames, summed, that each member alone darkens.
     """
-    needed = max(limit, piece.on(members)[1])
+    needed = max(limit, piece.deflect(members)[1])
     dearest = np.argsort(-dark, kind="stable")
     left = np.arange(len(members))
     for number in dearest[dearest >= len(piece.given)]:
         without = left[left != number]
-        if piece.on(members, without)[1] <= needed:
+        if piece.deflect(members, without)[1] <= needed:
             left = without
     for number in dearest[dark[dearest] > SEEN_SHARE]:
         while number in left and members.radius[number] / THICKER >= thinnest_mm * (1 - 1e-9):
             thinner = members.with_radius(number, float(members.radius[number]) / THICKER)
-            if piece.on(thinner, left)[1] > needed:
+            if piece.deflect(thinner, left)[1] > needed:
                 break
             members = thinner
     return left, members

@@ -83,7 +83,7 @@ class MountShadows:
         found = np.ones(len(some), dtype=bool)
         for view in self.views:
             left = np.flatnonzero(found)
-            found[left] = unseen(view, some.of(left))
+            found[left] = unseen(view, some.take(left))
         return found
 
     def cost(
@@ -213,7 +213,7 @@ class MountShadow:
         """Draw the pixels that members cover; the margins stay light."""
         covered = np.zeros_like(self.before)
         for radius in np.unique(some.radius):
-            own = some.of(some.radius == radius)
+            own = some.take(some.radius == radius)
             covered[1:-1, 1:-1] |= cast(own.start, own.end, self._frame, float(radius))
         return covered
 
@@ -230,7 +230,7 @@ def near_struts(sites: Sites, tube_mm: float) -> Candidates:
 def hidden_struts(sites: Sites, shadows: MountShadows, tube_mm: float) -> Candidates:
     """List struts between near strands that lie in every view's shadow from end to end."""
     every = near_struts(sites, tube_mm)
-    return every.of(shadows.hidden(every))
+    return every.take(shadows.hidden(every))
 
 
 # Rays for pegs: from tube to wall along the light, in the tube's shadow, clear of all strands.

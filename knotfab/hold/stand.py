@@ -206,7 +206,7 @@ def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int
     rank = np.empty(len(order), dtype=np.int64)
     rank[by_stretch] = np.arange(len(order)) - begins[stretch[by_stretch]]
     kept = (rank < max(1, count // (2 * STRETCHES))) | (np.arange(len(order)) < count // 2)
-    return every.of(order[kept])
+    return every.take(order[kept])
 
 
 def list_bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
@@ -254,12 +254,12 @@ def join_knots(
     holds: list[int] = []
     while not held.all():
         links = np.flatnonzero(held[ends[0]] != held[ends[1]])
-        some = candidates.of(links)
+        some = candidates.take(links)
         cost = shadows.cost(some) + LENGTH_WEIGHT * some.length_mm
         order = links[np.argsort(cost, kind="stable")]
         for begin in range(0, len(order), 64):
             part = order[begin : begin + 64]
-            free = obstacles.clear(candidates.of(part))
+            free = obstacles.clear(candidates.take(part))
             if free.any():
                 number = int(part[free.argmax()])
                 break
@@ -273,13 +273,13 @@ def join_knots(
                 f"{member} reaches knot {lost} past the other strands",
                 "Use --mount none, a thinner tube, or fewer knots",
             )
-        one = candidates.of([number])
+        one = candidates.take([number])
         obstacles.add(one)
         shadows.add(one)
         chosen.append(number)
         holds.append(int(next(k for k in ends[:, number] if not held[k])))
         held[holds[-1]] = True
-    return candidates.of(np.array(chosen, dtype=np.int64)), np.array(holds, dtype=np.int64)
+    return candidates.take(np.array(chosen, dtype=np.int64)), np.array(holds, dtype=np.int64)
 
 
 def _add_posts(
@@ -297,13 +297,13 @@ def _add_posts(
         if len(feet) >= LEAST_POSTS:
             return more
         far = np.linalg.norm(pool.end[:, None] - feet[None], axis=2).min(axis=1) >= apart_mm
-        some = pool.of(far & (pool.second == GROUND))
+        some = pool.take(far & (pool.second == GROUND))
         cost = shadows.cost(some) + LENGTH_WEIGHT * some.length_mm
-        some = some.of(np.argsort(cost, kind="stable"))
+        some = some.take(np.argsort(cost, kind="stable"))
         clear = obstacles.clear(some)
         if not clear.any():
             return more
-        one = some.of([int(clear.argmax())])
+        one = some.take([int(clear.argmax())])
         obstacles.add(one)
         shadows.add(one)
         more = join_members([more, one])

@@ -101,7 +101,7 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.first)
 
-    def of(self, some: Indices | Mask | list[int]) -> Candidates:
+    def take(self, some: Indices | Mask | list[int]) -> Candidates:
         return Candidates(
             self.first[some],
             self.second[some],
@@ -233,7 +233,7 @@ class Obstacles(Way):
         free[i[touched]] = False
         there = self.members
         if but is not None:
-            there = there.of(np.delete(np.arange(len(there)), but))
+            there = there.take(np.delete(np.arange(len(there)), but))
         if len(there):
             n, m = len(some), len(there)
             i, j = np.repeat(np.arange(n), m), np.tile(np.arange(m), n)

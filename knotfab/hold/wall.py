@@ -196,12 +196,12 @@ def _plan_with_share(
     moves = sag_moves(knots, sites, join_members([bare, braces]), stiffness)
     sag, at = worst_of(moves, knots.points)
     leans = braces.second == GROUND
-    lean = braces.of(leans)
+    lean = braces.take(leans)
     leaning = tuple(
         Peg(int(sites.knot[first]), start, end, *[float(r)] * 3)
         for first, start, end, r in zip(lean.first, lean.start, lean.end, lean.radius, strict=True)
     )
-    struts = join_members([ties, braces.of(~leans)])
+    struts = join_members([ties, braces.take(~leans)])
     return replace(
         mount,
         pegs=(*pegs, *leaning),

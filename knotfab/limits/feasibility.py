@@ -56,24 +56,24 @@ class Feasibility:
         if "bend" in broken:
             out.append(
                 f"bend radius {self.bend_mm:.3f} mm is below {lim.bend_radius:.3f} mm at "
-                f"{_place(self.bend_at)}"
+                f"{_format_point(self.bend_at)}"
             )
         if "clearance" in broken:
             out.append(
                 f"strands come within {self.gap_mm:.3f} mm, {lim.separation:.3f} mm is needed, "
-                f"at {_place(self.gap_at)}"
+                f"at {_format_point(self.gap_at)}"
             )
         if "region" in broken:
             out.append(
                 f"the tube leaves the region by {self.outside_mm:.3f} mm at "
-                f"{_place(self.outside_at)}"
+                f"{_format_point(self.outside_at)}"
             )
         if "length" in broken:
             out.append(f"length {self.length_mm:.0f} mm exceeds the budget of {lim.length:.0f} mm")
         return out
 
 
-def _place(point: Array) -> str:
+def _format_point(point: Array) -> str:
     return "(" + ", ".join(f"{c:.1f}" for c in point) + ") mm"
 
 

@@ -21,7 +21,7 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.scene import SettledRegion
 
 
-def outside(
+def region_excess(
     points: Array, region: SettledRegion, radius: float, walls: Sequence[Plane] = ()
 ) -> tuple[Array, Array]:
     """Return how far a ball about each point sticks out of the region, mm (N,), and its gradient (N, 3).
@@ -46,7 +46,7 @@ def _outside_region(points: Array, region: SettledRegion, radius: float) -> tupl
     """
     if region.kind == "mesh":
         assert region.file is not None
-        excess, away = beyond(points, region_mesh(region.file, region.center_mm))
+        excess, away = mesh_excess(points, region_mesh(region.file, region.center_mm))
         return excess + radius, away
     half = np.array([0.5 * side for side in region.size_mm], dtype=points.dtype)
     p, axes = points - np.array(region.center_mm, dtype=points.dtype), None
@@ -83,19 +83,19 @@ def tube_outside(points: Array, ahead: Array, limits: Limits) -> tuple[Array, Ar
     so, by 0.6 % at edges of 0.45 radii.
     """
     if limits.region.kind != "mesh":
-        return points, _outside(points, limits, limits.radius)[0]
+        return points, _excess_within(points, limits, limits.radius)[0]
     longest = float(np.linalg.norm(ahead - points, axis=1).max())
     some = np.concatenate([points, (points + ahead) / 2])
-    return some, _outside(some, limits, hypot(limits.radius, longest / 4))[0]
+    return some, _excess_within(some, limits, hypot(limits.radius, longest / 4))[0]
 
 
-def _outside(points: Array, limits: Limits, radius: float) -> tuple[Array, Array]:
-    return outside(points, limits.region, radius, limits.walls)
+def _excess_within(points: Array, limits: Limits, radius: float) -> tuple[Array, Array]:
+    return region_excess(points, limits.region, radius, limits.walls)
 
 
 def region_term(state: State, limits: Limits) -> Felt:
     """Return the squared hinge of the excess outside, in squared tube radii (paper, occupancy loss)."""
-    excess, away = _outside(state.points, limits, _felt_radius(limits, state.spacing))
+    excess, away = _excess_within(state.points, limits, _felt_radius(limits, state.spacing))
     hinge = np.maximum(excess / limits.radius, 0.0)
     scale = state.spacing / limits.radius
     slope = (2.0 * scale / limits.radius * hinge)[:, None] * away
@@ -111,7 +111,7 @@ def slack(points: Array, rings: Polylines, limits: Limits) -> float:
     """
     spacing = float(np.linalg.norm(points[rings.next] - points, axis=1).mean())
     radius = _felt_radius(limits, spacing)
-    room = -float(_outside(points, limits, radius)[0].max())
+    room = -float(_excess_within(points, limits, radius)[0].max())
     return room / 2 if limits.region.kind == "mesh" else room
 
 
@@ -172,7 +172,7 @@ class RegionMesh:
         return np.asarray(foot), np.where(outwards > 0, 1.0, -1.0)
 
 
-def beyond(points: Array, mesh: RegionMesh) -> tuple[Array, Array]:
+def mesh_excess(points: Array, mesh: RegionMesh) -> tuple[Array, Array]:
     """Return how far points (N, 3) lie outside the surface, mm (N,), and its gradient (N, 3)."""
     foot, sign = (found.astype(points.dtype) for found in mesh.nearest(points))
     gap = points - foot

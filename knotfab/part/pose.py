@@ -321,12 +321,13 @@ def _explain_too_large(
         remedy = f"The largest frame that would fit is {width:.1f} x {height:.1f} mm"
     return SceneError(
         "the printer's build volume",
-        f"the piece measures {_by(size)} mm as it fits best, and the printer holds {_by(room)} mm",
+        f"the piece measures {_join_sides(size)} mm as it fits best, "
+        f"and the printer holds {_join_sides(room)} mm",
         remedy,
     )
 
 
-def _by(size: Array) -> str:
+def _join_sides(size: Array) -> str:
     return " x ".join(f"{side:.1f}" for side in size)
 
 

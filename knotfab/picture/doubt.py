@@ -111,7 +111,7 @@ def find_doubt(
     if said or reading.cut_out or getattr(reading, "tone", "off") != "off":
         return None
     if crop is not None:  # a frame was left out
-        mask = _within(mask, crop, (image.height, image.width))
+        mask = _uncrop(mask, crop, (image.height, image.width))
     guessed = is_guessed(notes)
     every = 1 if image.mode.startswith(("I", "F")) else -(-max(image.size) // _SIDE)
     small = shrink(image, every) if every > 1 else image
@@ -128,7 +128,7 @@ def find_doubt(
         except InputError:
             continue
         if crop is not None:
-            other = _within(other, crop, mask.shape)
+            other = _uncrop(other, crop, mask.shape)
             keys = {"crop_px": _enlarge(crop, -(-size[0] // small.width), size)}
         shared = mask_iou(mask, other)
         if shared < _SHARED:
@@ -188,7 +188,7 @@ def _find_sheet(mask: Mask, rgb: NDArray[np.int64]) -> tuple[bool, Box | None]:
     return True, None
 
 
-def _within(mask: Mask, crop: Box, shape: tuple[int, ...]) -> Mask:
+def _uncrop(mask: Mask, crop: Box, shape: tuple[int, ...]) -> Mask:
     """Put a cropped mask back in its place in the whole picture."""
     left, top, width, height = crop
     whole = np.zeros(shape, dtype=bool)

@@ -312,12 +312,12 @@ def _merge_effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
 def _merge_limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
     """Return each limit as in the frame that comes nearest to it or goes farthest beyond."""
 
-    def beyond(line: LimitLine) -> float:
+    def excess(line: LimitLine) -> float:
         over = line.measured - line.limit
         return -over if line.name in LEAST else over
 
     each = _by_name([r.limits for r in reports])
-    return tuple(replace(max(lines, key=beyond), **_sum_costs(lines)) for lines in each)
+    return tuple(replace(max(lines, key=excess), **_sum_costs(lines)) for lines in each)
 
 
 def _by_name(frames: Sequence[Sequence[Line]]) -> list[list[Line]]:

@@ -154,7 +154,7 @@ def _propose_place(request: Request, made: Design) -> Place | None:
         made.knots,
         view,
         made.scene.piece.clearance_mm,
-        Stiffness.of(made.scene, made.knots),
+        Stiffness.from_scene(made.scene, made.knots),
         shallower=shallower,
         nearer=nearer,
         most_radius_mm=most_radius(asked, view, made.scene.printer.min_tube_radius_mm),

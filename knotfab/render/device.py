@@ -109,7 +109,7 @@ class DeviceImage:
     target: Tensor
 
     @classmethod
-    def of(cls, frame: Frame, target: Real, device: str) -> DeviceImage:
+    def from_arrays(cls, frame: Frame, target: Real, device: str) -> DeviceImage:
         """Move a picture and its frame, given as arrays, to a device."""
         there = torch.as_tensor(target, device=device)
         return cls(tensor_frame(frame, there.dtype, device), there)
@@ -161,8 +161,8 @@ def draw_on(
 ) -> DrawnImage:
     """Return the picture on a device, drawn by ray distance or by one of the paper's renderers."""
     if renderer == "ray":
-        return DeviceImage.of(frame, target, device)
-    there = DeviceImage.of(frame, target.astype(np.float64), device)
+        return DeviceImage.from_arrays(frame, target, device)
+    there = DeviceImage.from_arrays(frame, target.astype(np.float64), device)
     drawn: DrawnImage = load_app("outlines").OutlineImage(there.frame, there.target, renderer)
     return drawn
 
@@ -174,7 +174,7 @@ class _Image(torch.autograd.Function):
     def forward(ctx: Any, starts: Tensor, ends: Tensor, frame: Frame, *rest: Any) -> Tensor:
         radius, tau, cutoff, won = rest
         given = (frame, radius, tau, cutoff, _places(won))
-        ctx.seen = Capsules.of(_rows(starts), _rows(ends), *given)
+        ctx.seen = Capsules.render(_rows(starts), _rows(ends), *given)
         return torch.from_numpy(ctx.seen.image())
 
     @staticmethod

@@ -181,7 +181,7 @@ class _Cut:
 
 
 @np.errstate(all="ignore")  # NaN is left out by comparisons
-def _place(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
+def _place_segments(starts: Real, ends: Real, frame: Frame, radius: float) -> _Cut:
     """Place segments in receiver axes, cut as `render.capsules.cut_before_light` does it, which says why."""
     a, b = frame.local(starts), frame.local(ends)
     least = least_depth(radius)
@@ -225,7 +225,7 @@ def winners(
     reach_px: float,
 ) -> Winners:
     """Return (pixel, capsule): flat indices of pixels with s > -reach_px, and the capsule of largest s."""
-    return _find_winners(_place(starts, ends, frame, radius), frame, radius, reach_px)
+    return _find_winners(_place_segments(starts, ends, frame, radius), frame, radius, reach_px)
 
 
 def cast(starts: Array, ends: Array, frame: Frame, radius: float) -> Mask:
@@ -259,7 +259,7 @@ def render(
     It is exact up to sigmoid(-cutoff). `won` takes the winners of an earlier call: a
     lower bound of the image, exact for small motions wherever the winner did not change.
     """
-    image = Capsules.of(starts, ends, frame, radius, tau, cutoff, won).image()
+    image = Capsules.render(starts, ends, frame, radius, tau, cutoff, won).image()
     return image.reshape(frame.height, frame.width)
 
 
@@ -280,7 +280,7 @@ def squared_error(
     """
     # (g - f)^2 is g^2 - 2 g f where a pixel is coloured, and f^2 everywhere
     field = np.ascontiguousarray(target).ravel()
-    seen = Capsules.of(starts, ends, frame, radius, tau, cutoff, won)
+    seen = Capsules.render(starts, ends, frame, radius, tau, cutoff, won)
     total, one, two = seen.evaluate(field, 2.0, -2.0)
     return total + float(field @ field), one, two
 
@@ -301,7 +301,7 @@ class Capsules:
     tau: float
 
     @classmethod
-    def of(
+    def render(
         cls,
         starts: Real,
         ends: Real,
@@ -316,7 +316,7 @@ class Capsules:
         Raises:
             IndexError: the winners belong to other segments, or to another frame.
         """
-        cut = _place(starts, ends, frame, radius)
+        cut = _place_segments(starts, ends, frame, radius)
         if won is None:
             won = _find_winners(cut, frame, radius, cutoff / tau)
         # the kernels look up what they are told to

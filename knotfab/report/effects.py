@@ -109,10 +109,10 @@ def list_contrasts(made: Design) -> list[Contrast | None]:
     decision = made.result.effects.get(CONTRAST.name)
     if decision is None or not decision.simulated:
         return [None for _ in made.scene.views]
-    world, contrasts = World.of(made.scene), list[Contrast | None]()
+    world, contrasts = World.from_scene(made.scene), list[Contrast | None]()
     for view in made.scene.views:
         with decision.called("report"):
-            seen = Shadows.of(view, made.knots.points)
+            seen = Shadows.from_points(view, made.knots.points)
             found = contrast_of(seen, made.knots.radius_mm, world)
         contrasts.append(found)
     return contrasts
@@ -130,7 +130,7 @@ def list_hidings(made: Design) -> list[Hiding | None]:
             hidings.append(None)
             continue
         with decision.called("report"):
-            seen = Shadows.of(view, knots.points)
+            seen = Shadows.from_points(view, knots.points)
             lines = [seen.wall.place(knot.points) for knot in knots.knots]
             hidings.append(hide_edge(seen, lines, knots.radius_mm))
     return hidings
@@ -151,7 +151,7 @@ def judge_made(
     from knotfab.effects.survey import survey
     from knotfab.geometry.tube import reach_mm
 
-    knots, settings, world = made.knots, made.settings, World.of(scene)
+    knots, settings, world = made.knots, made.settings, World.from_scene(scene)
     reach = max(reach_mm(k.points, knots.radius_mm, settings.mesh_sides) for k in knots.knots)
     context = EffectContext(
         made.scene.views, knots.points, reach, settings.tolerance_px, world, moves, upwards
@@ -198,7 +198,7 @@ def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[
     sags: list[Sag | None] = []
     bent = made.result.effects.get("wall")
     for view, mask in zip(made.scene.views, masks, strict=True):
-        wall = CurvedWall.of(view) if bent is not None and bent.simulated else None
+        wall = CurvedWall.from_view(view) if bent is not None and bent.simulated else None
         with decision.called("report"):
             shape = knots.rings, knots.radius_mm
             sags.append(measure_sag(view, mask, knots.points, moves, *shape, wall))

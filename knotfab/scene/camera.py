@@ -193,7 +193,7 @@ class CurvedWall:
     frame_mm: tuple[float, float, float]
 
     @staticmethod
-    def of(view: ResolvedView) -> CurvedWall | None:
+    def from_view(view: ResolvedView) -> CurvedWall | None:
         """Return the view's wall; None where it is flat."""
         if view.wall_radius_mm is None:
             return None
@@ -306,7 +306,7 @@ def require_wall(view: ResolvedView) -> None:
     Raises:
         InputError: it is; the message says which.
     """
-    wall = CurvedWall.of(view)
+    wall = CurvedWall.from_view(view)
     if wall is None:
         return
     what, wide = f"scene view {view.name}", view.frame_width_mm

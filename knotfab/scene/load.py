@@ -26,10 +26,10 @@ def load_scene(path: str | Path) -> Scene:
         InputError: the file cannot be read, is not TOML, or `parse_scene` rejects it.
     """
     what, file = str(path), at_home(path)
-    return _beside(parse_scene(read_text(file, what, "scene file"), what), file.parent)
+    return _with_absolute_paths(parse_scene(read_text(file, what, "scene file"), what), file.parent)
 
 
-def _beside(scene: Scene, folder: Path) -> Scene:
+def _with_absolute_paths(scene: Scene, folder: Path) -> Scene:
     """Return the scene with absolute paths for all files but pictures, so that it works elsewhere."""
     update: dict[str, Any] = {}
     region, start = scene.region, scene.search.get("start")

@@ -259,7 +259,7 @@ class Spill(Term):
     radius: float
 
     @classmethod
-    def of(cls, target: TargetView, radius: float) -> Spill:
+    def for_view(cls, target: TargetView, radius: float) -> Spill:
         """Build the term for one view; the tube's radius is in mm."""
         view = target.view
         cell = view.longer_mm / _CELLS
@@ -268,7 +268,7 @@ class Spill(Term):
         return cls(camera.projection, far, radius)
 
     @classmethod
-    def of_knobs(cls, target: TargetView, radius: float) -> Spill:
+    def for_knobs(cls, target: TargetView, radius: float) -> Spill:
         """Build the term that counts from where a tube stands out of a silhouette as a knob.
 
         In strokes too thin for any other place it counts from their outline.
@@ -325,7 +325,7 @@ class Chamfer(Term):
     radius: float
 
     @classmethod
-    def of(cls, views: Sequence[TargetView], radius: float) -> Chamfer:
+    def for_views(cls, views: Sequence[TargetView], radius: float) -> Chamfer:
         """Build the term for all views, with silhouettes eroded by about a radius unless little remains."""
         sides = []
         for target in views:

@@ -159,7 +159,7 @@ def _approach(state: SearchState) -> None:
     """Move a start that is far from the pictures to them, by certified steps down the chamfer distance."""
     weights = Weights(image=0.0, clearance=60.0, bend=30.0)
     kept = state.terms
-    state.terms += (Chamfer.of(state.problem.views, state.radius),)
+    state.terms += (Chamfer.for_views(state.problem.views, state.radius),)
     for rate in _APPROACH_RATES:
         walk = FlowSettings(
             iterations=_APPROACH_ITERATIONS, rate=rate, rate_end=0.3 * rate, smoothing=4.0

@@ -128,9 +128,9 @@ class SearchState:
         """Build the objective of a phase; `loose` (N,) marks the vertices that may move (None: all)."""
         terms = self.terms
         if phase.spill:
-            terms += tuple(Spill.of(v, self.radius) for v in self.problem.views)
+            terms += tuple(Spill.for_view(v, self.radius) for v in self.problem.views)
         if phase.knobs:
-            terms += tuple(Spill.of_knobs(v, self.radius) for v in self.problem.views)
+            terms += tuple(Spill.for_knobs(v, self.radius) for v in self.problem.views)
         objective = Objective(
             self._images(phase.pixels),
             self.rings,

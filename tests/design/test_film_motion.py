@@ -87,7 +87,7 @@ def test_anchor_is_silent_within_its_bound() -> None:
     loss, slope = _pull(anchor, np.full((5, 3), 1.0))
     assert loss == 0.0
     assert not slope.any()
-    assert anchor.beyond(np.full((5, 3), 1.0)) == pytest.approx(np.sqrt(3) - 2)
+    assert anchor.excess(np.full((5, 3), 1.0)) == pytest.approx(np.sqrt(3) - 2)
     assert anchor.kept(np.full((5, 3), 1.1)) and not anchor.kept(np.full((5, 3), 1.2))
 
 

@@ -10,7 +10,7 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.design.frames import framed_alike, spread_views
 from knotfab.design.hull import contradictions, hull_bounds, rays_within
 from knotfab.design.room import depth_extent, resolve_region
-from knotfab.limits.region import outside
+from knotfab.limits.region import region_excess
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, camera_of, view_axes, walls_of
 from knotfab.scene.load import parse_scene
@@ -218,7 +218,7 @@ def test_a_piece_has_the_same_room_in_every_view(kind: str, view: ResolvedView) 
     for seen in (look(0, 0), view):
         region = resolve_region(asked, [seen], [], 2.0)
         placed = points @ view_axes(seen)
-        found.append(outside(placed, region, 2.0)[0])
+        found.append(region_excess(placed, region, 2.0)[0])
         ahead = tuple(view_axes(seen)[2])
         assert depth_extent(None, SQUARE, region, 2.0, ahead) == pytest.approx(
             depth_extent(None, SQUARE, resolve_region(asked, [look(0, 0)], [], 2.0), 2.0)
@@ -236,7 +236,7 @@ def test_a_given_region_has_the_depth_along_the_view(kind: str, view: ResolvedVi
     assert depth is not None
     # two radii before and behind that depth the region ends, unless the piece asks for less
     ends = np.outer([-0.5, 0.5], ahead) * (depth + 4 * 2.0)
-    beyond = float(outside(ends, region, 0.0)[0].max())
+    beyond = float(region_excess(ends, region, 0.0)[0].max())
     asks = 0.7 * 144
     assert beyond <= 1e-6 and (depth > 0.9 * asks or beyond == pytest.approx(0.0, abs=1e-3))
 

@@ -40,7 +40,7 @@ POINTS = np.random.default_rng(0).uniform(-50, 50, (400, 3))
 
 
 def light(world: World | None = None, **keys: Any) -> Contrast:
-    found = contrast_of(Shadows.of(view(**keys), POINTS), 2.0, world or World())
+    found = contrast_of(Shadows.from_points(view(**keys), POINTS), 2.0, world or World())
     assert found is not None
     return found
 
@@ -99,7 +99,9 @@ def test_a_black_piece_throws_nothing_back() -> None:
 def thrown_back(points: np.ndarray, radius: float) -> float:
     """The light that white strands throw back, over what the wall throws at them."""
     found = contrast_of(
-        Shadows.of(view(), points), radius, World(room=Room(reflectance=0.5), material=WHITE)
+        Shadows.from_points(view(), points),
+        radius,
+        World(room=Room(reflectance=0.5), material=WHITE),
     )
     assert found is not None
     return found.bounced / 0.5
@@ -136,7 +138,7 @@ def test_what_is_thrown_back_is_bounded() -> None:
 def test_nothing_beside_the_lamp_and_an_eye_needs_none() -> None:
     found = light()
     assert found.contrast == found.contrast_least == 1.0 and found.ghost_shift_mm is None
-    assert contrast_of(Shadows.of(view(kind="eye"), POINTS), 2.0, World()) is None
+    assert contrast_of(Shadows.from_points(view(kind="eye"), POINTS), 2.0, World()) is None
     context = EffectContext((view(kind="eye"),), POINTS, 2.0, 0.25)
     assert CONTRAST.magnitude(context) == 0.0
 
@@ -195,7 +197,7 @@ def test_what_may_sag_shifts_no_shadow_by_more_than_an_eighth_and_a_quarter_of_i
     ways *= most / np.linalg.norm(ways, axis=1)[:, None]
     worst = 0.0
     for one in views:
-        seen = Shadows.of(one, RING)
+        seen = Shadows.from_points(one, RING)
         wide = (
             2.0 * 2.0 * one.magnification / 8
         )  # of strands in the middle: those before it are wider
@@ -268,7 +270,7 @@ def test_on_a_round_wall_it_is_the_shadow_there(radius: float) -> None:
         was, now = cast(FLAT, where), cast(FLAT + moves, where)
         return float((was & now).sum() / (was | now).sum())
 
-    flat, wall = cast(FLAT, there.flat), CurvedWall.of(seen)
+    flat, wall = cast(FLAT, there.flat), CurvedWall.from_view(seen)
     on_flat, on_wall = (
         measure_sag(seen, flat, FLAT, moves, rings, 2.0, w).iou for w in (None, wall)
     )

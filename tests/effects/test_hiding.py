@@ -15,7 +15,7 @@ from knotfab.effects.hiding import ASIDE_DEG, HIDING, NOTICED, draw_strands, hid
 from knotfab.report.effects import judge_made, list_hidings, tell_hiding
 
 RADIUS = 2.0
-SEEN = Shadows.of(
+SEEN = Shadows.from_points(
     view(), np.zeros((1, 3))
 )  # the wall 100 mm behind the origin, the lamp 500 before
 

@@ -36,10 +36,10 @@ def test_it_is_the_rule_of_the_spread() -> None:
     # two far apart heights all over the picture: half of 5 mm times the spread of (W + z) / (L - z)
     flat = np.random.default_rng(0).uniform(-70, 70, (400, 3))
     flat[:, 2] = np.where(np.arange(400) % 2, 30.0, -30.0)
-    lamp, turn = parting_mm(Shadows.of(VIEW, flat), 0.1, World())[:2]
+    lamp, turn = parting_mm(Shadows.from_points(VIEW, flat), 0.1, World())[:2]
     assert lamp == pytest.approx(2.5 * (130 / 470 - 70 / 530), rel=0.1)
     assert turn > np.radians(1.0) * 30.0  # and a keystone
-    assert parting_mm(Shadows.of(VIEW, flat), 0.1, placed(lamp_mm=0.0, turn_deg=0.0)) == (
+    assert parting_mm(Shadows.from_points(VIEW, flat), 0.1, placed(lamp_mm=0.0, turn_deg=0.0)) == (
         0.0,
         0.0,
         0.0,
@@ -60,29 +60,33 @@ def test_the_worst_view_counts_and_an_eye_is_one() -> None:
 def test_what_may_be_moved_into_the_lamp_has_no_bound() -> None:
     near = VIEW.model_copy(update={"light_distance_mm": 45.0})
     points = np.random.default_rng(1).uniform(-40, 40, (50, 3))
-    assert parting_mm(Shadows.of(near, points), 2.0, placed(lamp_mm=8.0)) == (np.inf,) * 3
-    assert parting_mm(Shadows.of(VIEW, np.zeros((0, 3))), 2.0, World()) == (0.0, 0.0, 0.0)
+    assert parting_mm(Shadows.from_points(near, points), 2.0, placed(lamp_mm=8.0)) == (np.inf,) * 3
+    assert parting_mm(Shadows.from_points(VIEW, np.zeros((0, 3))), 2.0, World()) == (0.0, 0.0, 0.0)
 
 
 def test_a_wall_that_may_lean_is_the_rule_of_similar_triangles() -> None:
     # a flat grid of shadows s: the wall rises by g s, and moves them by -g s (s - l) / H
     x, y = (grid.ravel() for grid in np.meshgrid(*2 * [np.linspace(-70, 70, 21)]))
     flat = np.column_stack([x, y, np.zeros_like(x)])
-    assert parting_mm(Shadows.of(VIEW, flat), 0.1, World()).tilt == 0.0
+    assert parting_mm(Shadows.from_points(VIEW, flat), 0.1, World()).tilt == 0.0
     s = 1.2 * np.stack([x, y])
     moved = np.tan(np.radians(2.0)) * (s.sum(axis=0) / 2**0.5) * s / 600  # about a diagonal
     left = np.linalg.norm(moved - moved.mean(axis=1)[:, None], axis=0).max()
-    assert left <= parting_mm(Shadows.of(VIEW, flat), 0.1, placed(tilt_deg=2.0)).tilt <= 1.15 * left
+    assert (
+        left
+        <= parting_mm(Shadows.from_points(VIEW, flat), 0.1, placed(tilt_deg=2.0)).tilt
+        <= 1.15 * left
+    )
 
 
 def test_what_hangs_on_the_wall_does_not_turn_against_it() -> None:
     points = np.random.default_rng(1).uniform(-40, 40, (50, 3))
-    free, hung = (World.of(Scene(mount=Mount(kind=kind))) for kind in ("none", "wall"))
+    free, hung = (World.from_scene(Scene(mount=Mount(kind=kind))) for kind in ("none", "wall"))
     assert free.turns and not hung.turns
     assert (
-        parting_mm(Shadows.of(VIEW, points), 2.0, hung).turn
+        parting_mm(Shadows.from_points(VIEW, points), 2.0, hung).turn
         == 0
-        < parting_mm(Shadows.of(VIEW, points), 2.0, free).turn
+        < parting_mm(Shadows.from_points(VIEW, points), 2.0, free).turn
     )
 
 
@@ -102,7 +106,7 @@ def test_what_hangs_on_the_wall_does_not_turn_against_it() -> None:
 def test_loose_pieces_hang_on_the_wall_asked_for_or_left_open(
     scene: Scene, loose: bool, whole: bool
 ) -> None:
-    world = World.of(scene)
+    world = World.from_scene(scene)
     assert (scene.hangs(2), scene.hangs(1)) == (loose, whole)
     assert (world.holding(2).turns, world.holding(1).turns) == (not loose, not whole)
     assert not World(turns=False).holding(2).turns
@@ -113,7 +117,9 @@ def test_loose_pieces_hang_on_the_wall_asked_for_or_left_open(
 @pytest.mark.parametrize("aside", [{}, {"azimuth_deg": 40.0, "elevation_deg": 20.0}, {"bent": 1}])
 def test_the_loss_to_be_expected_is_that_of_moving_for_real(mount: str, aside: dict) -> None:
     view = VIEW.model_copy(update={"wall_radius_mm": 400.0} if "bent" in aside else aside)
-    world = World.of(Scene(mount=Mount(kind=mount), placing=Placing(lamp_mm=2.0, turn_deg=0.5)))
+    world = World.from_scene(
+        Scene(mount=Mount(kind=mount), placing=Placing(lamp_mm=2.0, turn_deg=0.5))
+    )
     side, t = 90.0, np.linspace(0, 2 * np.pi, 90, endpoint=False)
     square = MultiPolygon([box(-side / 2, -side / 2, side / 2, side / 2)])
     axes, camera = view_axes(view), camera_of(view, 1, 1)

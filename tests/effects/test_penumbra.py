@@ -65,7 +65,7 @@ def test_it_bounds_the_truth_and_closely() -> None:
         points = rng.uniform(-1, 1, (12, 3)) * [80, 80, depth / 2]
         surface = rng.normal(size=(120, 3))
         surface *= radius / np.linalg.norm(surface, axis=1)[:, None]
-        bounds = blurs_mm(Shadows.of(seen, points), radius)
+        bounds = blurs_mm(Shadows.from_points(seen, points), radius)
         worst = points[bounds.argmax()] + surface
         truth = max(true_blur(seen, edge, 72) for edge in worst)
         ratios.append(float(bounds.max()) / truth)
@@ -87,7 +87,7 @@ def test_it_bounds_what_the_validators_measure_on_the_mesh(sides: int) -> None:
 
 @pytest.mark.parametrize("keys", [{"light_diameter_mm": 0.0}, {"kind": "eye"}])
 def test_no_lamp_no_blur(keys: dict[str, float | str]) -> None:
-    assert not blurs_mm(Shadows.of(view(**keys), np.zeros((3, 3))), 2.0).any()
+    assert not blurs_mm(Shadows.from_points(view(**keys), np.zeros((3, 3))), 2.0).any()
 
 
 def test_of_several_views_the_one_counts_where_it_is_widest() -> None:

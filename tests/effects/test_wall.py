@@ -32,7 +32,7 @@ def view(radius: float | None, **keys: Any) -> ResolvedView:
 
 
 def wall_of(seen: ResolvedView) -> CurvedWall:
-    wall = CurvedWall.of(seen)
+    wall = CurvedWall.from_view(seen)
     assert wall is not None
     return wall
 

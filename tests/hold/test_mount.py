@@ -250,7 +250,7 @@ def test_a_base_in_a_hollow_wall_is_refused() -> None:
     slope = slope_below(cameras)
 
     def base(radius: float) -> Base:
-        wall = CurvedWall.of(VIEW.model_copy(update={"wall_radius_mm": radius}))
+        wall = CurvedWall.from_view(VIEW.model_copy(update={"wall_radius_mm": radius}))
         assert wall is not None
         return base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0, [wall])
 

@@ -213,11 +213,11 @@ def test_members_held_on_a_solved_frame_are_members_of_a_frame_solved_anew(taper
     ends = sites.point[[0]], sites.point[[far]]
     strut = Candidates(np.array([0]), np.array([far]), *ends, top[:1])
     members = join_members([pegs if tapers else replace(pegs, end_radius=None), strut])
-    given, rest = members.of([0]), members.of(np.arange(1, len(members)))
+    given, rest = members.take([0]), members.take(np.arange(1, len(members)))
     held = HeldFrame(piece_frame(ONE, sites, given, PLA))
     n = len(sites.knot)
     for number in range(len(rest)):
-        some, one = rest.of(np.arange(number)), rest.of([number])
+        some, one = rest.take(np.arange(number)), rest.take([number])
         held.hold(some, *springs_of(some, np.zeros(number), PLA))
         more = held.displacements_with_each(one, *springs_of(one, np.zeros(1), PLA))[0, :n]
         anew = piece_frame(ONE, sites, join_members([given, some, one]), PLA).displacements()[:n]

@@ -22,7 +22,7 @@ from validator_parts import box_mesh
 
 from knotfab.base.arrays import Array
 from knotfab.limits import feasibility as guards
-from knotfab.limits.region import REGION, beyond, outside, region_mesh, tube_outside
+from knotfab.limits.region import REGION, mesh_excess, region_excess, region_mesh, tube_outside
 from knotfab.limits.terms import LENGTH, Guard, Limit, Limits
 from knotfab.part.files import write_stl
 from knotfab.scene.load import load_scene, parse_scene
@@ -83,7 +83,7 @@ def test_walls_end_the_region() -> None:
     walls = ((*normal.tolist(), 10.0),)
     region = SettledRegion(size_mm=(200.0, 200.0, 200.0))
     points = np.random.default_rng(0).uniform(-99, 99, (500, 3))
-    free, excess = outside(points, region, 2.0)[0], outside(points, region, 2.0, walls)
+    free, excess = region_excess(points, region, 2.0)[0], region_excess(points, region, 2.0, walls)
     assert excess[0] == pytest.approx(np.maximum(free, 2.0 - points @ normal - 10.0))
     behind = excess[0] > free
     assert 50 < behind.sum() < 450
@@ -212,10 +212,10 @@ def test_distances_to_a_box_are_exact_at_faces_edges_and_corners(tmp_path: Path)
     points = np.random.default_rng(0).uniform(-45, 45, (4000, 3))
     q = np.abs(points) - [30, 20, 10]
     exact = np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(axis=1), 0)
-    found = outside(points, region(tmp_path, BOX), 0.0)[0]
+    found = region_excess(points, region(tmp_path, BOX), 0.0)[0]
     assert np.abs(found - exact).max() < 1e-9
     moved = region(tmp_path, BOX, (1.0, 2.0, 3.0))
-    again = outside(points + [1, 2, 3], moved, 2.5)[0]
+    again = region_excess(points + [1, 2, 3], moved, 2.5)[0]
     assert np.abs(again - 2.5 - exact).max() < 1e-9
 
 
@@ -225,16 +225,16 @@ def test_sides_are_right_about_an_edge_that_pokes_in(tmp_path: Path) -> None:
     points = np.random.default_rng(1).uniform([-15, -5, -25], [15, 25, 25], (4000, 3))
     x, y = np.abs(points[:, 0]), points[:, 1]
     in_wedge = (y > 5) & (x < 9 / 55 * (y - 5))
-    found = outside(points, r, 0.0)[0]
+    found = region_excess(points, r, 0.0)[0]
     assert np.array_equal(found > 0, in_wedge)
 
 
 def test_the_gradient_leads_inwards(tmp_path: Path) -> None:
     mesh = region_mesh(str(region(tmp_path, WEDGE).file), (0.0, 0.0, 0.0))
     points = np.random.default_rng(2).uniform(-70, 70, (200, 3))
-    value, slope = beyond(points, mesh)
+    value, slope = mesh_excess(points, mesh)
     assert np.linalg.norm(slope, axis=1) == pytest.approx(np.ones(200))
-    ahead, _ = beyond(points - 1e-4 * slope, mesh)
+    ahead, _ = mesh_excess(points - 1e-4 * slope, mesh)
     assert value - ahead == pytest.approx(np.full(200, 1e-4), rel=1e-3)
 
 
@@ -279,7 +279,7 @@ def test_holes_and_an_inside_out_mesh_are_refused(tmp_path: Path) -> None:
     vertices, faces = BOX
     for wrong, words in ((faces[1:], "not a closed"), (faces[:, ::-1], "inside out")):
         with pytest.raises(InputError, match=words):
-            outside(np.zeros((1, 3)), region(tmp_path, (vertices, wrong)), 0.0)
+            region_excess(np.zeros((1, 3)), region(tmp_path, (vertices, wrong)), 0.0)
 
 
 def test_a_scene_names_its_mesh_beside_itself(tmp_path: Path) -> None:

@@ -193,5 +193,7 @@ def test_the_scene_that_is_written_is_searched_as_the_one_left_open_was() -> Non
         request = Request(scene_of(), (), Path(), printing=True)
         asked, made = held._with_mount(request, made_of(request.scene, of), "hang")
         for scene in (asked.scene, made.scene):
-            taken, left_open = (World.of(one).holding(count) for one in (scene, request.scene))
+            taken, left_open = (
+                World.from_scene(one).holding(count) for one in (scene, request.scene)
+            )
             assert taken.turns == left_open.turns == (of is ONE)

@@ -99,7 +99,7 @@ def test_what_stands_outside_adds_its_spill(both: Problem, points: Array) -> Non
     off = points + np.array([0.0, 30.0, 0.0])
     plain, pulled = (objective_at(both, off, spill=spill) for spill in (False, True))
     state = State.at(off, plain.rings, near_of(off))
-    spill = sum(Spill.of(v, RADIUS)(state, Weights())[0] for v in both.views)
+    spill = sum(Spill.for_view(v, RADIUS)(state, Weights())[0] for v in both.views)
     assert spill > 10.0
     more = value_and_slope(pulled, off)[0] - value_and_slope(plain, off)[0]
     assert more == pytest.approx(spill, rel=1e-6)
@@ -120,7 +120,7 @@ def test_what_stands_out_as_a_knob_is_pulled_in(
     (view,) = ask_views([MultiPolygon([box(-60, -half_mm, 60, half_mm)])], 0.0).views
     t = 2 * np.pi * np.arange(120) / 120
     strand = np.column_stack([40 * np.cos(t), np.full_like(t, off_mm), 20 * np.sin(t)])
-    cost, slope = Spill.of_knobs(view, RADIUS)(state_at(strand), Weights())
+    cost, slope = Spill.for_knobs(view, RADIUS)(state_at(strand), Weights())
     assert (cost > 10.0) == pulled and (cost < 1.0) != pulled
     assert not pulled or slope[:, 1].sum() > 0
 

@@ -94,7 +94,7 @@ def test_a_shifted_frame_moves_the_picture_up_the_wall() -> None:
 
 def test_the_pull_on_spill_is_the_distance_outside() -> None:
     target = ask_views([DISC], 30.0).views[0]
-    spill = Spill.of(target, 2.0)
+    spill = Spill.for_view(target, 2.0)
     right, up, towards = target.axes
     angle = np.linspace(0, 2 * np.pi, 50, endpoint=False)[:, None]
     inside = 37.0 * (np.cos(angle) * right + np.sin(angle) * up)
@@ -307,7 +307,7 @@ def test_the_chamfer_pull_has_the_slope_that_it_says() -> None:
     problem = ask_views([DISC, SQUARE], 0.0, 90.0)
     t = 2 * np.pi * np.arange(60) / 60
     points = np.column_stack([52 * np.cos(t), 9 * np.sin(t), 50 + 8 * np.cos(2 * t)])
-    far = Chamfer.of(problem.views, 3.0)
+    far = Chamfer.for_views(problem.views, 3.0)
     _, gradient = term_at(far, points)
     way = np.random.default_rng(0).normal(size=points.shape)
     step = 1e-6

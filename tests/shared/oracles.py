@@ -85,7 +85,7 @@ def uneven_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     view, points, radius, camera = random_scene(rng)
     shape = ("disc", "ball")[rng.integers(2)]
     view = view.model_copy(update={"light_shape": shape})
-    found = contrast_of(Shadows.of(view, points), radius, World())
+    found = contrast_of(Shadows.from_points(view, points), radius, World())
     assert found is not None
     camera = camera.resized(_GRID, _GRID)
     u, v = np.meshgrid(np.arange(_GRID), np.arange(_GRID))
@@ -107,11 +107,11 @@ def bounce_and_truth(rng: np.random.Generator) -> tuple[float, float]:
     points = (sizes[:, :, None] * waves).sum(axis=1).T
     room = min(0.3 * view.light_distance_mm, 0.5 * view.wall_distance_mm)
     points *= np.array([60, 60, 0.5 * room]) / np.abs(points).max(axis=0)
-    wall = OnWall.of(view)
+    wall = OnWall.from_view(view)
     while wall.place(points)[:, 2].min() < 2 * radius:
         points *= 0.9
     world = World(room=Room(reflectance=0.5), material=Material(color="#ffffff"))
-    found = contrast_of(Shadows.of(view, points), radius, world)
+    found = contrast_of(Shadows.from_points(view, points), radius, world)
     assert found is not None
     start = wall.place(points)
     along = np.roll(start, -1, axis=0) - start
@@ -215,7 +215,9 @@ def bounds_and_truths(
     about = [way - (way @ normal) * normal for way in all_round]
     turned = [turn_about(way / np.linalg.norm(way), lean) for way in about]
     tilt = max(parted(was, _leaning(surface, camera, view, by, turns)) for by in turned)
-    bounds = parting_mm(Shadows.of(view, points), radius, World(placing=placing, turns=turns))
+    bounds = parting_mm(
+        Shadows.from_points(view, points), radius, World(placing=placing, turns=turns)
+    )
     return np.array(bounds), np.array([lamp, turn if turns else 0.0, tilt])
 
 

@@ -125,7 +125,7 @@ def test_loose_pieces_are_as_deep_with_the_mount_left_open(problem: Problem) -> 
     starts = {}
     for kind in ("auto", "wall", "none"):
         placing = Placing(lamp_mm=5.0, turn_deg=10.0)
-        world = World.of(Scene(mount=Mount(kind=kind), placing=placing))
+        world = World.from_scene(Scene(mount=Mount(kind=kind), placing=placing))
         starts[kind] = lift_template(replace(problem, world=world), loose, RADIUS, FEW)
     assert _extent(starts["auto"]) == _extent(starts["wall"]) > _extent(starts["none"])
     for one, other in zip(starts["auto"].curves, starts["wall"].curves, strict=True):

@@ -87,7 +87,7 @@ def validate(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     from knotfab.scene.load import load_scene
 
     skip, unit = given.pop("skip", []), given.pop("unit", "mm")
-    part, knots, scene = (_place(given, name) for name in ("part", "knots", "scene"))
+    part, knots, scene = (_take_path(given, name) for name in ("part", "knots", "scene"))
     _refuse_others(given, known)
     if unit not in _UNITS:
         raise InputError(f"unit {unit}", "it is none", f"Use {', '.join(_UNITS)}.")
@@ -112,7 +112,7 @@ def shadow(given: Given, hear: Hear, known: Collection[str]) -> Answer:
     from knotfab.pipeline.strangers import render_shadow
 
     out, view = _png(given), given.pop("view", None)
-    part, scene = _place(given, "part"), _place(given, "scene")
+    part, scene = _take_path(given, "part"), _take_path(given, "scene")
     _refuse_others(given, known)
     if part is None:
         raise InputError("shadow", "part is missing", "Name a part and its scene, or their folder.")
@@ -141,7 +141,7 @@ def _pictures(given: Given) -> list[str]:
     return named
 
 
-def _place(given: Given, name: str) -> Path | None:
+def _take_path(given: Given, name: str) -> Path | None:
     """Take a path out of a call; None if it is not given."""
     value = given.pop(name, None)
     if value is None:
@@ -153,7 +153,7 @@ def _place(given: Given, name: str) -> Path | None:
 
 
 def _png(given: Given) -> Path | None:
-    out = _place(given, "out")
+    out = _take_path(given, "out")
     if out is not None and out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
     return out

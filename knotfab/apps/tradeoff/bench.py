@@ -297,7 +297,7 @@ class Explored:
         middle = self.middle.over(self.compared)
         return len(one.runs) < self.compared or not one.over(self.compared).keeps(middle)
 
-    def place(self, one: Measured) -> tuple[float, float]:
+    def cost_of(self, one: Measured) -> tuple[float, float]:
         """Return (seconds, error) over the compared pictures.
 
         If the point saw fewer of them, its ratios to the middle on these are assumed to hold for all.

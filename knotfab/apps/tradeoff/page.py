@@ -61,8 +61,8 @@ class _Axis:
 def render_page(explored: Explored, steps: Sequence[Step], told: _Words) -> str:
     """Render tradeoff.html, which loads nothing from elsewhere and escapes every text."""
     front = {m.point.settings for m in explored.front}
-    measured = sorted(explored.measured, key=lambda m: explored.place(m)[0])
-    places = [explored.place(m) for m in measured]
+    measured = sorted(explored.measured, key=lambda m: explored.cost_of(m)[0])
+    places = [explored.cost_of(m) for m in measured]
     x = _Axis([seconds for seconds, _ in places], _LEFT, _WIDTH - _RIGHT)
     y = _Axis([error for _, error in places], _HEIGHT - _BOTTOM, _TOP)
     knobs = [k for k in dict.fromkeys(m.point.knob for m in measured) if k != PRESET]
@@ -196,7 +196,7 @@ def draw(explored: Explored, title: str) -> bytes:
     if COMBINED in knobs:
         looks[COMBINED] = ("s", "#9a9a9a")
     for m in explored.measured:
-        knob, (seconds, error) = m.point.knob, explored.place(m)
+        knob, (seconds, error) = m.point.knob, explored.cost_of(m)
         if knob == PRESET:
             axes.scatter(seconds, error, s=64, color="black", marker="D", zorder=4)
             axes.annotate(

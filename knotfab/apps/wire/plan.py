@@ -154,7 +154,7 @@ def _fit(
         SceneError: bends overlap even in the best fit.
     """
     material, shadows = judge.material, judge.shadows
-    likenesses = [GridLikeness.of(s.geometry, s.target, s.radius) for s in shadows]
+    likenesses = [GridLikeness.for_view(s.geometry, s.target, s.radius) for s in shadows]
     best: tuple[tuple[bool, int, float], list[BendList], list[bool]] | None = None
     for share in _FIT_SHARES:
         limits = FitLimits(

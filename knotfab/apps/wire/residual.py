@@ -320,7 +320,7 @@ class GridLikeness:
     scale: float  # side of a cell, in wire radii
 
     @classmethod
-    def of(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
+    def for_view(cls, geometry: ViewGeometry, target: Mask, radius: float) -> GridLikeness:
         """Reduce a silhouette (height, width) on a view's pixels to a grid for a wire of a radius in mm."""
         _, (w,) = geometry.project(np.zeros((1, 3)))
         wide = radius / (w * geometry.pixel_mm)  # radius of the wire's shadow in pixels

@@ -308,10 +308,10 @@ def test_the_table_says_what_steps_buy_and_what_is_missing(
 def test_a_point_is_placed_by_how_it_stands_to_the_middle(tmp_path: Path, pictures: int) -> None:
     explored = _measure(tmp_path, FakeRunner(), _pictures(pictures)).explored
     for one in explored.whole:
-        assert explored.place(one) == pytest.approx((one.seconds, one.error))
+        assert explored.cost_of(one) == pytest.approx((one.seconds, one.error))
     middle = explored.middle
     few = middle.over(1)
-    assert explored.place(few) == pytest.approx((middle.seconds, middle.error))
+    assert explored.cost_of(few) == pytest.approx((middle.seconds, middle.error))
 
 
 def test_no_time_at_all_is_refused(tmp_path: Path) -> None:

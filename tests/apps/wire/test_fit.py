@@ -154,7 +154,7 @@ def look(azimuth_deg: float = 0.0) -> ViewGeometry:
 
 
 def picture_of(curve: Array, geometry: ViewGeometry) -> GridLikeness:
-    return GridLikeness.of(geometry, tube_field([curve], 1.0, geometry).mask, 1.0)
+    return GridLikeness.for_view(geometry, tube_field([curve], 1.0, geometry).mask, 1.0)
 
 
 def bent(corners: Array) -> Array:

@@ -26,7 +26,7 @@ from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing import bridges as columns_module
 from knotfab_validators.printing.bridges import _heights, columns
 from knotfab_validators.printing.printability import printability_checks
-from knotfab_validators.printing.standing import above, bodies
+from knotfab_validators.printing.standing import bodies, share_above
 
 
 def test_a_body_one_layer_up_still_lies_on_the_bed() -> None:
@@ -105,13 +105,13 @@ def test_what_is_printed_lying_stands_as_it_is_turned() -> None:
 @pytest.mark.parametrize("level", [-1.0, 0.0, 0.3, 0.6, 1.1, 2.0, 3.0])
 def test_the_share_of_a_triangle_above_a_level(level: float) -> None:
     samples = np.random.default_rng(0).dirichlet([1, 1, 1], 200_000) @ [0.0, 0.6, 2.0]
-    share = above(np.array([[0.6, 2.0, 0.0]]), level)[0]
+    share = share_above(np.array([[0.6, 2.0, 0.0]]), level)[0]
     assert share == pytest.approx((samples > level).mean(), abs=0.005)
 
 
 def test_the_share_of_level_edges_is_exact() -> None:
     z = np.array([[0.0, 1.0, 1.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
-    assert above(z, 0.5).tolist() == [0.75, 0.25, 1.0]
+    assert share_above(z, 0.5).tolist() == [0.75, 0.25, 1.0]
 
 
 def test_the_overhang_begins_beyond_the_limit() -> None:

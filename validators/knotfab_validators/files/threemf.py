@@ -143,7 +143,7 @@ class _Package:
                         f"{self.name}: builds an object of the type other, which 3MF forbids"
                     )
                 if item.printed:
-                    self._place(part, item, np.eye(4) * model.unit_mm, parts)
+                    self._place_object(part, item, np.eye(4) * model.unit_mm, parts)
                 else:
                     self.left_out.append("an item that is not printable")
         self.left_out += [f"a body that is a {kind}" for kind in self.steering.kinds]
@@ -236,7 +236,7 @@ class _Package:
         if placed > MOST_PLACED:
             raise BadFile(f"{self.name}: places more than {MOST_PLACED} objects")
 
-    def _place(self, part: str, item: Placed, onto: Array, parts: list[Corners]) -> None:
+    def _place_object(self, part: str, item: Placed, onto: Array, parts: list[Corners]) -> None:
         """Append the corners of an object and its components to `parts`; `onto` (4, 4) is applied last."""
         matrix = np.column_stack([item.matrix, [0.0, 0.0, 0.0, 1.0]]) @ onto
         shape = self._shape(part, item.number)
@@ -255,7 +255,7 @@ class _Package:
         for component in shape.components:
             if (item.number, component.number) in self.steering.components:
                 continue
-            self._place(_part(component.part, part), component, matrix, parts)
+            self._place_object(_part(component.part, part), component, matrix, parts)
 
 
 def _plain(name: str) -> str:

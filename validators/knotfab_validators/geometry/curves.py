@@ -281,7 +281,7 @@ def near_segments(blocks: SegmentBlocks, i: Ints, j: Ints, limit: float) -> tupl
     segment leaves the cylinder around the other's line. This takes a few matrix products for each pair of
     blocks, some 50 ns a pair of segments, and memory for k b² numbers.
     """
-    near = _near(blocks, i, j, limit)
+    near = _mark_near(blocks, i, j, limit)
     near &= (blocks.index[i] >= 0)[:, :, None] & (blocks.index[j] >= 0)[:, None, :]
     block, row, column = np.nonzero(near)
     one, other = blocks.index[i[block], row], blocks.index[j[block], column]
@@ -289,7 +289,7 @@ def near_segments(blocks: SegmentBlocks, i: Ints, j: Ints, limit: float) -> tupl
     return one[once], other[once]
 
 
-def _near(blocks: SegmentBlocks, a: Ints, b: Ints, limit: float) -> Mask:
+def _mark_near(blocks: SegmentBlocks, a: Ints, b: Ints, limit: float) -> Mask:
     """Mark pairs in blocks a and b (k,) that pass all three tests, (k, b, b)."""
     slack = ROUNDING * blocks.extent * max(blocks.extent, limit)
     u, v = blocks.unit[a], blocks.unit[b].transpose(0, 2, 1)

@@ -10,7 +10,7 @@ from knotfab_validators.geometry.curves import nearest_on_segment
 
 def point_triangle(point: Array, triangle: Array) -> tuple[Array, Array]:
     """Return the distances (n,) from points (n, 3) to triangles (n, 3, 3), and the nearest points (n, 3)."""
-    inner, foot = _inside(point, triangle)
+    inner, foot = _plane_distance(point, triangle)
     best, near = inner, foot
     for k in range(3):
         at = nearest_on_segment(point, triangle[:, k], triangle[:, (k + 1) % 3])
@@ -56,7 +56,7 @@ def triangles_cross(first: Array, second: Array) -> Mask:
     return crossed
 
 
-def _inside(point: Array, triangle: Array) -> tuple[Array, Array]:
+def _plane_distance(point: Array, triangle: Array) -> tuple[Array, Array]:
     """Return the distance to the triangle's plane if the foot lies inside it, else infinity; and the foot."""
     a, u, v = triangle[:, 0], triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
     normal = np.cross(u, v)

@@ -240,7 +240,7 @@ def _reach(
 
 
 @compiled
-def _inside(first: Ints, left: Array, right: Array, bucket: int, x: float) -> bool:
+def _is_inside(first: Ints, left: Array, right: Array, bucket: int, x: float) -> bool:
     found = False
     for b in range(first[bucket], first[bucket + 1]):
         found = found or left[b] <= x <= right[b]
@@ -264,9 +264,9 @@ def _span(
                 other = j + int(np.rint(side * n * stride * np.sin(turn) / row))
                 if other < 0 or other >= rows or total + n * stride >= best:
                     break
-                if not _inside(first, left, right, k * rows + other, at):
+                if not _is_inside(first, left, right, k * rows + other, at):
                     break
-                if _inside(first, left, right, (k - 1) * rows + other, at):
+                if _is_inside(first, left, right, (k - 1) * rows + other, at):
                     total += n * stride
                     found = True
                     break

@@ -181,7 +181,7 @@ def overhang_areas(mesh: Mesh, max_overhang_deg: float, layer_mm: float) -> Arra
     normals, areas = mesh.normals
     steep = _steep(normals, max_overhang_deg)
     over: Array = np.zeros(len(areas))
-    over[steep] = areas[steep] * above(mesh.vertices[mesh.faces[steep], 2], layer_mm + BED_MM)
+    over[steep] = areas[steep] * share_above(mesh.vertices[mesh.faces[steep], 2], layer_mm + BED_MM)
     return over
 
 
@@ -205,7 +205,7 @@ def support_volume(
     return float(height.sum()) * grid.cell**2, grid.places(tallest)[0]
 
 
-def above(z: Array, level: float) -> Array:
+def share_above(z: Array, level: float) -> Array:
     """Return the share of each triangle that lies above a level, from its corners' heights (k, 3)."""
     low, middle, high = np.sort(z, axis=1).T
     with np.errstate(divide="ignore", invalid="ignore"):

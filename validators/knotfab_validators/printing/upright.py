@@ -22,7 +22,7 @@ from knotfab_validators.check import at_least, at_most, skip_check, spot, worst_
 from knotfab_validators.geometry.mesh import Mesh, body_volumes, connect, number_bodies
 from knotfab_validators.printing.growth import Growth, OverAir, find_over_air, follow_growth
 from knotfab_validators.printing.slices import Slices, find_pieces, slice_layers
-from knotfab_validators.printing.standing import above, margin
+from knotfab_validators.printing.standing import margin, share_above
 
 ANGLE_TOLERANCE = 2e-3  # of a normal's z: small faces in single precision are off by this
 LENGTH_TOLERANCE_MM = 1e-6
@@ -82,7 +82,7 @@ def _named(at: Array, words: str = ", the first at ") -> str:
 def _check_overhang(mesh: Mesh, cut: Slices) -> Check:
     normals, areas = mesh.normals
     steep = np.flatnonzero(-normals[:, 2] > np.cos(np.radians(LEAST_FLANK_DEG)) + ANGLE_TOLERANCE)
-    share = above(mesh.vertices[mesh.faces[steep], 2], cut.bottom + cut.layer)
+    share = share_above(mesh.vertices[mesh.faces[steep], 2], cut.bottom + cut.layer)
     steep, share = steep[share > 0], share[share > 0]
     area, at = 0.0, np.empty((0, 3))
     if len(steep):

@@ -88,18 +88,20 @@ def recognise(
     """
     scale = _Scale(frame, geometry, 2 * radius_px)
     found = _compare_on_grid(shadow, target, radius_px, outlined, bridged)
-    rows = _Rows.of(find_rows(found.features, max(frame.width, frame.height), target), found)
+    rows = _Rows.from_changes(
+        find_rows(found.features, max(frame.width, frame.height), target), found
+    )
     sizes = SPECK * found.reach, found.reach, blur_px / found.step, found.step * scale.mm
     specks = find_specks(found.own, found.wanted, *sizes)
     facts = _measure_facts(found, rows, specks, scale, target, iou / (1.0 - found.spared))
     word = next((w for w, rule in RULES.items() if not facts.against(rule)), UNKNOWN)
     better = RULES[WORDS[max(WORDS.index(word) - 1, 0)]]
     lost = [scale.record_row(row, inside) for row, inside in rows.hit]
-    lost += [scale.record(c) for c in (*found.tips, *rows.outside(rows.hit))]
+    lost += [scale.record(c) for c in (*found.tips, *rows.changes_outside(rows.hit))]
     if facts.specks_seen(RULES[WORDS[0]]):
         lost.append(scale.record_specks(specks, found.step))
     lost.sort(key=lambda loss: -loss.length_mm)
-    reasons = _count_reasons(rows.text, [*found.tips, *rows.outside(rows.text)])
+    reasons = _count_reasons(rows.text, [*found.tips, *rows.changes_outside(rows.text)])
     reasons += facts.against(better) if word != WORDS[0] else []
     counts = Counter[str](c.kind for c in found.changes)
     return Recognition(
@@ -187,8 +189,10 @@ class _Rows:
     changes: list[Change]
 
     @staticmethod
-    def of(rows: list[Row], found: _Compared) -> _Rows:
-        inside = ((row, [c for c in found.changes if _inside(_extent(c), row.box)]) for row in rows)
+    def from_changes(rows: list[Row], found: _Compared) -> _Rows:
+        inside = (
+            (row, [c for c in found.changes if _lies_in(_extent(c), row.box)]) for row in rows
+        )
         return _Rows(rows, [(row, changes) for row, changes in inside if changes], found.changes)
 
     @property
@@ -196,7 +200,7 @@ class _Rows:
         """Rows of text with the changes inside them."""
         return [(row, inside) for row, inside in self.hit if row.text]
 
-    def outside(self, rows: Sequence[tuple[Row, list[Change]]]) -> list[Change]:
+    def changes_outside(self, rows: Sequence[tuple[Row, list[Change]]]) -> list[Change]:
         """Return the changes that lie in none of these rows."""
         inside = {id(c) for _, changes in rows for c in changes}
         return [c for c in self.changes if id(c) not in inside]
@@ -208,9 +212,9 @@ def _measure_facts(
     """Measure the quantities that the rules limit."""
     own, wanted, there, radius = found.own, found.wanted, found.there, found.radius_px
     area, pixel_mm = max(int(wanted.sum()), 1), found.step * scale.mm
-    single = rows.outside(rows.text)
+    single = rows.changes_outside(rows.text)
     text = [row.box for row in rows.rows if row.text]
-    drawn = sum(not any(_inside(box, row) for row in text) for box in found.features)
+    drawn = sum(not any(_lies_in(box, row) for row in text) for box in found.features)
     # a picture of nothing but text is judged by its text
     torn = [c for c in (single if drawn else found.changes) if not isinstance(c, Shape)]
     shapes = [c.likeness for c in single if isinstance(c, Shape)]
@@ -300,7 +304,7 @@ def _extent(change: Change) -> Box:
     return u, v, u, v
 
 
-def _inside(box: Box, row: Box) -> bool:
+def _lies_in(box: Box, row: Box) -> bool:
     """Return whether a box lies in a row's, or sticks out by at most half the row's height."""
     margin = (row[3] - row[1]) / 2
     sideways = row[0] - margin <= box[0] and box[2] <= row[2] + margin

@@ -181,11 +181,11 @@ class SilhouetteRenderer(Renderer):
 
         Its frustum is shifted and shaped to the frame.
         """
-        self._place(geometry, behind)
+        self._aim(geometry, behind)
         self._plotter.window_size = geometry.width, geometry.height
         return np.ascontiguousarray(self._plotter.screenshot(return_img=True)[..., 0] > 127)
 
-    def _place(self, geometry: ViewGeometry, behind: bool) -> None:
+    def _aim(self, geometry: ViewGeometry, behind: bool) -> None:
         normal, height = geometry.normal, geometry.light_height
         foot = geometry.light - height * normal
         light = geometry.light - self._middle

@@ -191,7 +191,7 @@ def find_rows(boxes: Sequence[Box], longer_px: float, picture: Mask | None = Non
         joined = [b for row in beside for b in row] + [box]
         rows = [row for row in rows if row not in beside] + [sorted(joined)]
     return [
-        Row(_around(row), len(row), _is_text(row, picture), _is_repeated(row, picture))
+        Row(_bound(row), len(row), _is_text(row, picture), _is_repeated(row, picture))
         for row in rows
         if len(row) >= LEAST
     ]
@@ -231,6 +231,6 @@ def _neighbours(left: Box, right: Box) -> bool:
     return alike and right[0] - left[2] <= APART * high
 
 
-def _around(boxes: Sequence[Box]) -> Box:
+def _bound(boxes: Sequence[Box]) -> Box:
     lefts, tops, rights, bottoms = zip(*boxes, strict=True)
     return min(lefts), min(tops), max(rights), max(bottoms)

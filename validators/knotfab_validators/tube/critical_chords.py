@@ -304,7 +304,7 @@ def _evaluate(elements: _Elements, i: Ints, j: Ints, limit: float) -> Chord | No
     s = np.clip(t * cosine + du, 0.0, a)
     options = [(s, t, edge_i & edge_j & ~after_i & ~after_j, False, False)]
     s, t = du, -dv
-    on_i, on_j = _within(s, a), _within(t, b)
+    on_i, on_j = _is_on_edge(s, a), _is_on_edge(t, b)
     options.append((np.clip(s, 0.0, a), zero, edge_i & on_i & ~after_i, False, True))
     options.append((zero, np.clip(t, 0.0, b), edge_j & on_j & ~after_j, True, False))
     options.append((zero, zero, np.ones(len(i), dtype=np.bool_), True, True))
@@ -344,7 +344,7 @@ def _critical(elements: _Elements, k: Ints, chord: Array, slack: Array, at_verte
     return result
 
 
-def _within(s: Array, length: Array) -> Mask:
+def _is_on_edge(s: Array, length: Array) -> Mask:
     inside: Mask = (s >= -ANGLE_TOLERANCE * length) & (s <= (1 + ANGLE_TOLERANCE) * length)
     return inside
 
