@@ -7,10 +7,12 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_args
 
 import pytest
 
+from examples.api_page import on_page_markdown
 from knotfab.effects.survey import EFFECTS
 from knotfab.limits.feasibility import LIMITS
 from knotfab_formats import verdict
@@ -72,7 +74,22 @@ def test_no_target_is_taken_for_a_file() -> None:
     assert found and set(found.group(1).split()) == TARGETS
 
 
-@pytest.mark.slow
+def test_the_menu_of_the_site_has_every_page() -> None:
+    menu = (ROOT / "mkdocs.yml").read_text("utf-8")
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} == set(re.findall(r"\S+\.md", menu))
+
+
+def test_what_the_site_has_from_code_is_on_its_pages() -> None:
+    def shown(name: str) -> str:
+        return on_page_markdown("its text", SimpleNamespace(file=SimpleNamespace(src_uri=name)))
+
+    keys = (ROOT / "docs" / "scene.toml").read_text("utf-8")
+    assert shown("conventions.md") == f"its text\n```toml\n{keys}```\n" and "wall_radius_mm" in keys
+    (call,) = re.findall(r"^### build\n\n```python\nbuild\((.*)\)", shown("api.md"), re.M)
+    assert "progress" in call and shown("tutorial.md") == "its text"
+
+
+@pytest.mark.study
 def test_the_pages_are_a_site_in_which_each_is_found(tmp_path: Path) -> None:
     """Built strictly: a broken link, a heading that is gone or a page outside the menu ends it."""
     pytest.importorskip("mkdocs", reason="the extra docs is not installed")

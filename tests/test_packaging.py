@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from command import knotfab
+from command import knotfab, picture, square
 from questions import ask_quick
 
 import knotfab as package
@@ -203,16 +203,17 @@ def test_the_page_has_a_line_for_each_library_of_the_project_and_no_other() -> N
 
 @pytest.mark.build
 def test_a_build_without_the_apps_loads_and_tells_what_is_on_the_page(tmp_path: Path) -> None:
-    """The core alone builds the knight. That what is left out is not told is tested in pipeline."""
+    """The core alone builds a part. That what is left out is not told is tested in pipeline."""
     traced = tmp_path / "traced"
     traced.mkdir()
     (tmp_path / "sitecustomize.py").write_text(TRACE)
     (tmp_path / "quick.toml").write_text(ask_quick(iou_floor=0.9))
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", str(ROOT))])
-    env = {**os.environ, "PYTHONPATH": paths, "TRACED": str(traced)}
+    env = {**os.environ, "PYTHONPATH": paths, "TRACED": str(traced), "KNOTFAB_JOBS": "1"}
     knotfab = [sys.executable, "-m", "knotfab"]
-    call = ["build", str(ROOT / "examples" / "knight.png"), "--scene", str(tmp_path / "quick.toml")]
-    call += ["--tube-radius", "4", "--print", "--mount", "stand", "--skip", "slicer", "--quiet"]
+    drawn = picture(tmp_path / "square.png", square(128))
+    call = ["build", str(drawn), "--scene", str(tmp_path / "quick.toml")]
+    call += ["--tube-radius", "6", "--print", "--mount", "stand", "--skip", "slicer", "--quiet"]
     out = tmp_path / "out"
     subprocess.run([*knotfab, *call, "--out", str(out)], check=True, env=env)
     assert (out / "part.stl").is_file()

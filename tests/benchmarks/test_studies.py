@@ -62,8 +62,9 @@ ELSEWHERE = {
     "view found in the search": "tests/search/test_free_pose.py",
 }
 assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())
-# as dear as a minute of other tests, whose parts tests/part/test_plates.py and tests/start/test_tie.py have
-STUDIES = {"plates", "knot of a given type"}
+# as dear as a minute of other tests: tests/part/test_plates.py, tests/start/test_tie.py and
+# tests/search/test_search.py have their parts
+STUDIES = {"plates", "knot of a given type", "repairs alone"}
 QUICKEST = [
     pytest.param(
         Cell(row, row.quickest),
@@ -150,6 +151,7 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
         return Built(2, 1.0, 2.0, 3.0, None, "refused")
 
     monkeypatch.setattr(measurement, "build_apart", build)
+    monkeypatch.setattr(several_table, "pictures", cache(several_table.pictures))
     name = next(n for n in NAMED if n.endswith("by-eye"))
     for _ in range(2):
         built = build_set(name, tmp_path)
@@ -226,7 +228,9 @@ def page(out: Path, say: object) -> Iterator[tuple[io.StringIO, None]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(p, marks=[pytest.mark.study] if p == "README.md" else []) for p in PAGES]
+)
 def test_a_page_can_be_typed_from_its_first_line_to_its_last(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

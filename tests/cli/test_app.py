@@ -442,9 +442,11 @@ def test_interrupted_in_the_middle_of_the_search(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "part.stl").write_text("earlier")
-    call = [sys.executable, "-m", "knotfab", "build", "text:♥", "--tube-radius", "5"]
+    drawn = picture(tmp_path / "square.png", square())
+    call = [sys.executable, "-m", "knotfab", "build", str(drawn), "--tube-radius", "5"]
     build = subprocess.Popen(
         [*call, "--accuracy", "fine", "--skip", "shadow-render", "--verbose", "--out", str(out)],
+        env={**os.environ, "KNOTFAB_JOBS": "1"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -192,7 +192,7 @@ def test_what_leaves_the_frame_is_no_error() -> None:
 
 @pytest.fixture(scope="module")
 def builder() -> Iterator[Workers]:
-    with open_builders(1) as workers:
+    with open_builders(1, share=1) as workers:
         yield workers
 
 

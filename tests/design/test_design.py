@@ -24,6 +24,7 @@ from knotfab.design.frames import frame_view
 from knotfab.design.lamps import depth_apart, place_lamps
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import _Trials, choose_radius
+from knotfab.design.retries import SHORT
 from knotfab.design.settings import GRACE
 from knotfab.picture.read import Target, read_target
 from knotfab.scene.camera import cameras_of
@@ -42,6 +43,7 @@ FEW = {
     "fine_px": 64,
     "coarse_iterations": 12,
     "fine_iterations": 8,
+    "settle_iterations": 4,
     "depth_candidates": 4,
 }
 
@@ -65,8 +67,10 @@ FEW = {
     ids=["careless placing", "sparser strands", "flat"],
 )
 def test_the_scene_of_a_build_repeats_it(
-    scene: dict[str, Any], flatter: bool, sparser: bool
+    scene: dict[str, Any], flatter: bool, sparser: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    for name in ("coarse_px", "fine_px", "coarse_iterations", "fine_iterations"):
+        monkeypatch.setitem(SHORT, name, FEW[name])  # of the search for what a limit costs
     target = read_target("text:8")
     piece = {"tube_radius_mm": 5.0, **scene.pop("piece", {})}
     given = {"schema": 1, "views": [{"picture": "8.png"}], "search": FEW, "piece": piece, **scene}

@@ -71,13 +71,13 @@ def test_directions_are_for_several_pictures_of_one_part(more: dict[str, object]
 
 def test_views_of_one_body_need_no_bending_from_where_they_were_taken(tmp_path) -> None:  # type: ignore[no-untyped-def]
     """Two slabs, one behind the other: their plan has rows that are empty in no view from the side."""
-    z, y, x = np.mgrid[-1:1:128j, -1:1:128j, -1:1:128j]
+    z, y, x = np.mgrid[-1:1:64j, -1:1:64j, -1:1:64j]
     body = (abs(abs(z) - 0.65) < 0.25) & (abs(x) < 0.9) & (abs(y) < 0.8)
     # seen from the front, the side and above: rows go down, then to the viewer
     masks = [body.any(0)[::-1], body.any(2).T[::-1, ::-1], body.any(1)]
     targets = []
     for n, mask in enumerate(masks):
-        Image.fromarray(np.where(np.pad(mask, 8), 0, 255).astype(np.uint8)).save(
+        Image.fromarray(np.where(np.pad(mask, 4), 0, 255).astype(np.uint8)).save(
             tmp_path / f"{n}.png"
         )
         targets.append(read_target(tmp_path / f"{n}.png"))

@@ -230,7 +230,7 @@ def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPa
 def test_the_scene_of_a_build_by_the_clock_repeats_it() -> None:
     target = read_target("text:♥")
     made = design_knots(
-        resolve(Scene(search=TINY)), [target], budget=Budget(time.perf_counter() + 1.5)
+        resolve(Scene(search=TINY)), [target], budget=Budget(time.perf_counter() + 0.7)
     )
     again = design_knots(made.scene, [target])
     np.testing.assert_array_equal(made.knots.points, again.knots.points)

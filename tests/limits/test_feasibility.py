@@ -21,6 +21,7 @@ from questions import ask_heart, ask_quick, start_and_search
 from validator_parts import box_mesh
 
 from knotfab.base.arrays import Array
+from knotfab.design.retries import SHORT
 from knotfab.limits import feasibility as guards
 from knotfab.limits.region import REGION, mesh_excess, region_excess, region_mesh, tube_outside
 from knotfab.limits.terms import LENGTH, Guard, Limit, Limits
@@ -316,14 +317,18 @@ def test_a_build_stays_inside_and_its_scene_names_the_copied_mesh(tmp_path: Path
 
 
 @pytest.mark.build
-def test_an_impossible_limit_is_rejected_whole_with_the_place(tmp_path: Path) -> None:
+def test_an_impossible_limit_is_rejected_whole_with_the_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in {"coarse_px": 64, "fine_px": 64, "coarse_iterations": 8}.items():
+        monkeypatch.setitem(SHORT, name, value)
     scene = tmp_path / "stiff.toml"
     few = questions.QUICK.replace("fine_px = 160", "fine_px = 96").replace(
         "coarse_px = 96", "coarse_px = 64"
     )
-    few = re.sub(r"iterations = \d+", "iterations = 12", few)
+    few = re.sub(r"iterations = \d+", "iterations = 8", few)
     scene.write_text(f"{few}[material]\nmin_bend_radius_mm = 60.0\n")
-    call = ["build", "text:♥", "--scene", scene, "--tube-radius", "6"]
+    call = ["build", "text:♥", "--scene", scene, "--tube-radius", "9"]
     done = knotfab(*call, "--out", tmp_path / "out", "--skip", "shadow-render", *UNREAD)
     assert done.code == 1, done
     assert not (tmp_path / "out" / "part.stl").exists()

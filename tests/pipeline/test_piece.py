@@ -172,7 +172,9 @@ def opened(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["none", "plate", "dowel", "stand", "hang"])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("none", marks=pytest.mark.study), "plate", "dowel", "stand", "hang"]
+)
 def test_tubes_and_mounts_are_true_solids(tmp_path: Path, kind: str) -> None:
     """Those of tubes have Pappus's volume, those of mounts are where and what the facets of part.stl are."""
     knots, camera, mounted, _ = made_by_hand(kind, {"step"}, tmp_path)

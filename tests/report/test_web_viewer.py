@@ -402,7 +402,7 @@ def test_lamps_of_every_shape_blur_as_they_do(bench: Any) -> None:
         view = view_of(wall_distance_mm=80.0, light_distance_mm=400.0, **lamp)
         data = viewer_data(scene_of([view], "none"), knots, [], [MASK])
         bench.evaluate("(data) => viewer.setScene(data)", data)
-        geometry = geometry_at(view, 256)
+        geometry = geometry_at(view, 128)
         points = lamp_points(view, 5.0, 0.3)
         points = points if len(points) < 100 else points[::5]
         hidden = [
@@ -413,7 +413,7 @@ def test_lamps_of_every_shape_blur_as_they_do(bench: Any) -> None:
             for x, y in points
         ]
         wanted[name] = np.mean(hidden, axis=0)
-        seen[name] = shadow(bench, 256, soft=True) / 255
+        seen[name] = shadow(bench, 128, soft=True) / 255
     for name, one in seen.items():
         off = {other: float(np.abs(one - two).mean()) for other, two in wanted.items()}
         assert off[name] < 0.012 and min(off, key=lambda k: off[k]) == name, (name, off)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import textwrap
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 import torch
 from questions import ask_heart, start_and_search
 
+import knotfab
 from knotfab.design.budget import Budget
 from knotfab.design.design import design_knots
 from knotfab.design.settings import place_start, without_arches
@@ -271,7 +274,9 @@ def test_a_joint_search_ends_feasible_as_a_fixed_scene(problem: Problem) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "least"), [("inn", 0.85), ("inn+flow", 0.95)])
+@pytest.mark.parametrize(
+    ("method", "least"), [pytest.param("inn", 0.85, marks=pytest.mark.study), ("inn+flow", 0.95)]
+)
 def test_the_network_finds_the_view_along(problem: Problem, method: str, least: float) -> None:
     few = {"network_depth": 4, "network_width": 16, "network_iterations": 30, "method": method}
     # a profile that leaves strands no room to be smoothed has no certificate: take a good one
@@ -339,7 +344,7 @@ def test_a_radius_that_is_given_stays_given() -> None:
 @pytest.mark.slow
 def test_a_time_budget_holds_for_a_free_view_too() -> None:
     """The few iterations that time it leave no trace in the pose that the search starts from."""
-    budget = Budget(time.perf_counter() + 1.0)
+    budget = Budget(time.perf_counter() + 0.5)
     made = design_knots(
         resolve(Scene(search=TINY)), [read_target("text:\u2665")], budget=budget, device="cpu"
     )
@@ -378,6 +383,28 @@ def test_the_least_of_a_narrow_bowl_is_found() -> None:
     assert x.abs().max() < 1e-4 and x.requires_grad
 
 
+def test_steps_are_those_of_the_papers_algorithm() -> None:
+    """As written down in "Adam: a method for stochastic optimization", with other betas than by default."""
+    draw = np.random.default_rng(1)
+    x = torch.zeros(3, dtype=torch.float64)
+    adam, (first, second) = Adam([x], betas=(0.8, 0.95)), (0.8, 0.95)
+    at, mean, square = np.zeros(3), np.zeros(3), np.zeros(3)
+    for k in range(1, 20):
+        g, rate = draw.normal(size=3), 0.1 / k
+        x.grad = torch.as_tensor(g)
+        adam.step(rate)
+        mean, square = first * mean + (1 - first) * g, second * square + (1 - second) * g * g
+        at -= rate * mean / (1 - first**k) / (np.sqrt(square / (1 - second**k)) + 1e-8)
+        assert x.numpy() == pytest.approx(at, rel=1e-12, abs=1e-15)
+
+
+def test_no_module_takes_an_optimizer_of_torchs_own() -> None:
+    """Making one loads a compiler for seconds; its base class is all that is taken of that package."""
+    texts = [p.read_text("utf-8") for p in Path(knotfab.__path__[0]).rglob("*.py")]
+    taken = {line for text in texts for line in re.findall(r"^.*torch\.optim.*$", text, re.M)}
+    assert taken == {"from torch.optim import Optimizer"}
+
+
 # a process of its own: torch's brings a compiler along that cannot share one with what renders
 _BESIDE_TORCH = """
     import sys
@@ -408,6 +435,6 @@ _BESIDE_TORCH = """
 """
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_steps_are_those_of_torch_and_no_compiler_is_loaded() -> None:
     subprocess.run([sys.executable, "-c", textwrap.dedent(_BESIDE_TORCH)], check=True, timeout=120)

@@ -151,7 +151,9 @@ def knot_type_of(start: Start) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("begun", "gain"), [("circle", 0.25), ("filling", 0.01)])
+@pytest.mark.parametrize(
+    ("begun", "gain"), [("circle", 0.25), pytest.param("filling", 0.01, marks=pytest.mark.study)]
+)
 def test_the_network_draws_two_views_and_its_way_is_proved(begun: str, gain: float) -> None:
     problem = ask_views([DISC, SQUARE], 0.0, 90.0)
     few = {"network_depth": 6, "network_width": 32, "network_iterations": 60, "fine_px": 96}

@@ -44,9 +44,9 @@ KNOTS = Knots(
     ),
     5.0,
 )
-CORNERS = 0.6 * np.array([[210.0, 140.0], [1010.0, 190.0], [960.0, 800.0], [260.0, 720.0]])
+CORNERS = 0.45 * np.array([[210.0, 140.0], [1010.0, 190.0], [960.0, 800.0], [260.0, 720.0]])
 FARTHER = CORNERS.mean(axis=0) + 0.72 * (CORNERS - CORNERS.mean(axis=0))
-SIZE = (720, 540)
+SIZE = (540, 405)
 QUICK = {
     "coarse_px": 96, "fine_px": 160, "coarse_iterations": 25, "fine_iterations": 20,
     "settle_iterations": 20, "depth_candidates": 4,

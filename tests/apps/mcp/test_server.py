@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import re
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from typing import Any
 
 import anyio
 import pytest
+from command import refuse
 from mcp import Client, StdioServerParameters, stdio_client
 from mcp.types import CallToolResult, ImageContent, TextContent
 from PIL import Image, ImageDraw
@@ -161,10 +163,7 @@ def test_links_of_a_folder_lead_nowhere_else(folder: Path, name: str) -> None:
 
 def test_a_wrong_call_is_told_as_the_command_line_tells_it(folder: Path) -> None:
     def told(*words: str) -> str:
-        command = [sys.executable, "-m", "knotfab", *words]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
-        assert done.returncode == 2
-        return done.stderr.removeprefix("knotfab: ").strip()
+        return refuse(2, *words).removeprefix("knotfab: ").strip()
 
     given = {"pictures": ["egg.png"], "tube_radius": -1}
     typed = told("build", "egg.png", "--tube-radius=-1")  # a tool's arguments are keywords
@@ -213,7 +212,9 @@ def test_over_pipes_what_libraries_say_breaks_nothing(folder: Path) -> None:
     async def run() -> CallToolResult:
         with (folder / "said.txt").open("w") as said:
             async with Client(stdio_client(server, errlog=said)) as client:
-                return await client.call_tool("preview", {"pictures": ["text:I"]})
+                return await client.call_tool(
+                    "preview", {"pictures": ["egg.png"], "tube_radius": 6}
+                )
 
     assert "1 piece" in _words(anyio.run(run))
     assert "a library talks" in (folder / "said.txt").read_text()
@@ -254,7 +255,7 @@ def test_a_build_that_is_cancelled_ends_and_leaves_nothing(folder: Path) -> None
                 if "search" in str(words):
                     scope.cancel()
 
-            given = {"pictures": ["egg.png"], "accuracy": "fine"}
+            given = {"pictures": ["egg.png"], "accuracy": "fine", "tube_radius": 5}
             ended = await client.call_tool("build", given, progress_callback=hear)
             assert "interrupted; nothing was changed" in _refused(ended)
         assert scope.cancel_called
@@ -281,8 +282,10 @@ def test_a_signal_ends_it_in_a_build_which_leaves_nothing(folder: Path) -> None:
     ]
     calls[2]["params"]["_meta"] = {"progressToken": 1}
     command = [sys.executable, "-m", "knotfab", "mcp"]
-    pipe = subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=folder) as server:
+    pipe, env = subprocess.PIPE, {**os.environ, "KNOTFAB_JOBS": "1"}
+    with subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, stderr=pipe, cwd=folder, env=env
+    ) as server:
         assert server.stdin and server.stdout and server.stderr
         for call in calls:
             server.stdin.write(json.dumps({"jsonrpc": "2.0", **call}).encode() + b"\n")

@@ -68,7 +68,7 @@ def test_circles_are_convex_and_in_planes_of_their_own(problem: Problem) -> None
     assert found[1][0, 2] - found[0][0, 2] == 9.0
 
 
-@pytest.mark.slow
+@pytest.mark.study  # as from a circle and before the flow
 def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) -> None:
     longer = QUICK.model_copy(update={"network_iterations": 100})
     result, _, seen = _search(problem, longer)

@@ -102,8 +102,9 @@ def test_it_ends_with_its_build_where_nobody_looks(
 
 @pytest.mark.build
 @pytest.mark.skipif(sys.platform == "win32", reason="the signal is that of other systems")
-def test_ctrl_c_ends_a_studio_and_its_build() -> None:
+def test_ctrl_c_ends_a_studio_and_its_build(monkeypatch: pytest.MonkeyPatch) -> None:
     """`make studio-times` prints how soon."""
+    monkeypatch.setenv("KNOTFAB_JOBS", "1")
     with open_studio() as (studio, page, address):
         begin_build(page, address)
         found = subprocess.run(["pgrep", "-P", str(studio.pid)], capture_output=True, text=True)

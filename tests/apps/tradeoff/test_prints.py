@@ -47,8 +47,19 @@ def _answer(options: prints.Options, way: str = "none") -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("way, depths", [("none", ["depth 60 mm", "depth 104 mm"]), ("slicer", [])])
-def test_the_front_has_what_nothing_beats(way: str, depths: list[str], tmp_path: Path) -> None:
-    asked = []
+def test_the_front_has_what_nothing_beats(
+    way: str, depths: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[prints.Options] = []
+    shown: list[list[prints.Way]] = []
+
+    def draw(ways: list[prints.Way]) -> bytes:
+        """What there is to draw after each way, drawn once at the end."""
+        shown.append([*ways])
+        return b""
+
+    drawn = prints.draw_prints
+    monkeypatch.setattr(prints, "draw_prints", draw)
 
     def answer(picture: str, folder: Path, options: prints.Options) -> dict[str, Any]:
         asked.append(options)
@@ -72,7 +83,9 @@ def test_the_front_has_what_nothing_beats(way: str, depths: list[str], tmp_path:
     assert not any(one.failed for one in front)
     rows = json.loads((tmp_path / "tradeoff-prints.json").read_text("utf-8"))["ways"]
     assert [row["label"] for row in rows if row["front"]] == [o.label for o in ways if o in front]
-    assert (tmp_path / "tradeoff-prints.png").read_bytes().startswith(b"\x89PNG")
+    assert shown == [ways[: k + 1] for k in range(len(ways))]
+    assert (tmp_path / "tradeoff-prints.png").read_bytes() == b""
+    assert way != "none" or drawn(ways).startswith(b"\x89PNG")
 
 
 def test_ways_that_there_is_no_time_for_are_not_begun(tmp_path: Path) -> None:

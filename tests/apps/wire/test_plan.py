@@ -189,7 +189,10 @@ def test_each_check_passes_at_its_limit_and_fails_beyond() -> None:
         assert [k for k, v in found.items() if v == "fail"] == [name]
 
 
-def test_a_plan_out_of_time_says_so_and_one_that_cannot_be_bent_is_refused(tmp_path: Path) -> None:
+def test_a_plan_out_of_time_says_so_and_one_that_cannot_be_bent_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("knotfab.apps.wire.plan._FIT_SHARES", (0.97,))  # each takes seconds
     knots, scene, picture = ring_scene(tmp_path, 1)
     plan = write_bending_plan(tmp_path, knots, scene, [picture], ends=0.0)
     assert plan.cut == "--time-budget" and any(plan.cut in note for note in tell_plan(plan))

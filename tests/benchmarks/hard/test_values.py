@@ -41,10 +41,13 @@ SEARCH = settings(
     suppress_health_check=list(HealthCheck),
 )
 ONCE = json.loads(KEPT.with_name("once.json").read_text("utf-8"))  # inputs that were once off
+# networks of many layers take seconds each: those of 8 stand for them
+DEAR = ("24 layers", "24 layers back")
+STUDIES = [pytest.param(name, marks=pytest.mark.study) for name in DEAR]
 CASES = {case.name: case for case in (*loss_cases(), *term_cases(), *network_cases())}
 
 
-@pytest.mark.parametrize("name", some(CASES, 2))
+@pytest.mark.parametrize("name", [*some((n for n in CASES if n not in DEAR), 2), *STUDIES])
 def test_values_and_gradients_are_within_their_condition(name: str) -> None:
     case = CASES[name]
     found = value_error(case)
@@ -151,7 +154,9 @@ def test_the_worst_that_was_found_stays_within_its_bound(name: str) -> None:
     assert 0 <= share <= 1
 
 
-@pytest.mark.parametrize("name", HUNTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.study] if n == "network" else []) for n in HUNTS]
+)
 @given(data=st.data())
 @SEARCH
 def test_no_search_brings_an_error_above_its_bound(name: str, data: st.DataObject) -> None:
