@@ -48,8 +48,12 @@ def checks(count: int, side: int = 256) -> Mask:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "mask",
-    [noise(256), noise(512), HARD["checkerboard"].draw(), HARD["carpet"].draw()],
-    ids=["noise-256", "noise-512", "checks", "carpet"],
+    [
+        pytest.param(noise(256), id="noise-256"),
+        pytest.param(noise(512), id="noise-512", marks=pytest.mark.study),
+        pytest.param(HARD["checkerboard"].draw(), id="checks"),
+        pytest.param(HARD["carpet"].draw(), id="carpet"),
+    ],
 )
 def test_what_no_tube_can_draw_is_not_recognisable(mask: Mask) -> None:
     found = estimate_likeness(mask, RADIUS_PX * max(mask.shape) / 256)
@@ -78,7 +82,7 @@ def test_a_union_of_discs_is_never_refused(seed: int, count: int, radius: float)
 
 
 @given(seed=st.integers(0, 999), cell=st.integers(1, 12), cut=st.floats(-1.0, 1.0))
-@settings(max_examples=30)
+@settings(max_examples=12)
 def test_what_is_wider_than_two_tubes_is_half_drawn(seed: int, cell: int, cut: float) -> None:
     """A build need not open its polygon to know that."""
     levels = np.random.default_rng(seed).normal(size=(96, 128))
@@ -103,7 +107,7 @@ def widen(mask: Mask, radius: float) -> Mask:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [1, 2, 3])
+@pytest.mark.parametrize("width", [1, pytest.param(2, marks=pytest.mark.study), 3])
 def test_a_stroke_of_few_px_is_one_stroke_to_every_radius(width: int) -> None:
     mask = strokes(1400, width)
     for radius in (8.0, 40.0):

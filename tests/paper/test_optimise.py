@@ -67,7 +67,7 @@ def _assert_improvement(result: PaperResult) -> None:
     assert result.cpu_seconds > 0 and result.seconds > 0
 
 
-@pytest.mark.parametrize("renderer", ["ellipse", "capsule"])
+@pytest.mark.parametrize("renderer", [pytest.param("ellipse", marks=pytest.mark.study), "capsule"])
 def test_one_view_one_knot(renderer: str) -> None:
     settings = SMALL.model_copy(update={"renderer": renderer})
     seen: list[int] = []

@@ -20,7 +20,7 @@ import knotfab.pipeline.held as finishing
 from knotfab.design.design import Design
 from knotfab.report.summary import CHECKS
 from knotfab_formats.search import PRESETS
-from knotfab_formats.verdict import KNOTS, MESH, PRINTING, UPRIGHT
+from knotfab_formats.verdict import KNOTS, MESH, PRINTING, SHADOWS, UPRIGHT
 
 pytestmark = pytest.mark.build
 
@@ -30,6 +30,7 @@ FILES = {
 }  # fmt: skip
 # groups that are left out whole are not measured: for builds of which only the shadow tells
 UNREAD = [f"--skip={name}" for name in ("slicer", *KNOTS, *MESH, "tube", "clearance", *PRINTING)]
+UNSEEN = [f"--skip={name}" for name in SHADOWS if name != "intrusion"]
 RADIUS = 6.0  # mm: thick, so that a build is short
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -238,7 +239,7 @@ def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
     monkeypatch.setattr(finishing, "design_knots", design)
     out, repeated = tmp_path / "out", tmp_path / "again"
     call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft", "--print"]
-    call += [*UNREAD, "--skip", "shadow-render", "--quiet"]
+    call += [*UNREAD, *UNSEEN, "--skip", "shadow-render", "--quiet"]
     assert knotfab(*call, "--supports", "slicer", "--out", out).code == 0
     report = json.loads((out / "report.json").read_text())
     mount = tomllib.loads((out / "scene.toml").read_text())["mount"]

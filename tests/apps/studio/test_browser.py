@@ -53,23 +53,29 @@ def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     assert not serving.is_alive()
 
 
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
 @pytest.fixture
-def page(address: str) -> Iterator[Any]:
+def page(browser: Any, address: str) -> Iterator[Any]:
     """An empty page; whatever its console says against it fails the test."""
     wrong: list[str] = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        opened = browser.new_page(viewport={"width": 1280, "height": 800})
-        opened.set_default_timeout(60_000)
-        opened.on("pageerror", lambda error: wrong.append(str(error)))
-        opened.on(
-            "console",
-            lambda m: wrong.append(m.text) if m.type == "error" and "422" not in m.text else None,
-        )
-        opened.goto(address)
-        opened.wait_for_selector("html[data-ready]", state="attached")
-        yield opened
-        browser.close()
+    opened = browser.new_page(viewport={"width": 1280, "height": 800})
+    opened.set_default_timeout(60_000)
+    opened.on("pageerror", lambda error: wrong.append(str(error)))
+    opened.on(
+        "console",
+        lambda m: wrong.append(m.text) if m.type == "error" and "422" not in m.text else None,
+    )
+    opened.goto(address)
+    opened.wait_for_selector("html[data-ready]", state="attached")
+    yield opened
+    opened.close()
     assert wrong == []
 
 

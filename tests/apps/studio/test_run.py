@@ -100,7 +100,8 @@ def test_it_ends_with_its_build_where_nobody_looks(
     assert child.wait(30) == 0
 
 
-@pytest.mark.build
+# tests/apps/studio/test_server.py interrupts a studio at rest, tests/cli/test_summary.py a builder's build
+@pytest.mark.study
 @pytest.mark.skipif(sys.platform == "win32", reason="the signal is that of other systems")
 def test_ctrl_c_ends_a_studio_and_its_build(monkeypatch: pytest.MonkeyPatch) -> None:
     """`make studio-times` prints how soon."""

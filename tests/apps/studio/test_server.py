@@ -242,7 +242,8 @@ def test_an_upload_that_breaks_off_is_a_sentence() -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="a terminal that closes sends no signal")
-def test_the_studio_ends_with_its_terminal(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("how", "said"), [(signal.SIGHUP, "closed"), (signal.SIGINT, "")])
+def test_the_studio_ends_with_its_terminal(how: signal.Signals, said: str, tmp_path: Path) -> None:
     code = (
         "import pathlib, signal, sys; from knotfab.apps.studio import run;"
         "signal.signal(signal.SIGHUP, signal.SIG_DFL);"  # whatever the tests were begun with
@@ -252,8 +253,8 @@ def test_the_studio_ends_with_its_terminal(tmp_path: Path) -> None:
     command = [sys.executable, "-c", code, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None and "127.0.0.1" in child.stdout.readline()
-        child.send_signal(signal.SIGHUP)
-        assert "closed" in child.stdout.read()
+        child.send_signal(how)
+        assert said in child.stdout.read()
     assert child.returncode == 0
 
 
