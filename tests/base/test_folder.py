@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import command
 import pytest
-from command import killed_build, knotfab, picture, square
+from command import killed_build
 
 from knotfab.base.errors import MachineError
 from knotfab.base.folder import OutputFolder
-from knotfab.base.moves import REJECTED, _kept_secret, _sign, mend
+from knotfab.base.moves import REJECTED
 from knotfab_formats.errors import InputError
 
 
@@ -270,120 +269,6 @@ def test_work_is_only_there_while_open(tmp_path: Path) -> None:
         out.file("x")
 
 
-def kill_at(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """End this process, as `kill -9` does, before it changes names on the disk for the `count`th time."""
-    left = [count]
-
-    def counted(real: Callable[..., object]) -> Callable[..., object]:
-        def call(*arguments: object, **named: object) -> object:
-            left[0] -= 1
-            if left[0] == 0:
-                os._exit(9)
-            return real(*arguments, **named)
-
-        return call
-
-    for name in ("replace", "link", "unlink", "rmdir"):
-        monkeypatch.setattr(os, name, counted(getattr(os, name)))
-
-
-def in_a_child(work: Callable[[], object]) -> int:
-    """Its exit code; nothing that it leaves open outlives it."""
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            work()
-            code = 0
-        finally:
-            os._exit(code)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-
-
-def old_files(folder: Path) -> None:
-    build(folder, report__json="old", part__stl="old", part__glb="old")
-    (folder / "mine.txt").write_text("user")
-    with OutputFolder(folder) as out:
-        out.write("report.json", "failed before")
-        out.reject()
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
-@pytest.mark.parametrize("passes", [True, False])
-def test_a_build_killed_at_any_moment_leaves_one_whole_result(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, passes: bool
-) -> None:
-    def write(folder: Path) -> None:
-        with OutputFolder(folder) as out:
-            for name in ("knots.json", "part.stl", "report.json"):
-                out.write(name, "new")
-            (out.commit if passes else out.reject)()
-
-    monkeypatch.setattr(os, "fsync", lambda _: None)
-    old_files(tmp_path / "old")
-    old_files(tmp_path / "new")
-    write(tmp_path / "new")
-    before, after = listing(tmp_path / "old"), listing(tmp_path / "new")
-    assert before != after
-    seen = []
-    for count in range(1, 60):
-        folder = tmp_path / f"{count}"
-        old_files(folder)
-
-        def killed(folder: Path = folder, count: int = count) -> None:
-            kill_at(count, monkeypatch)
-            write(folder)
-
-        code = in_a_child(killed)
-        if count % 8:
-            mend(folder)
-        else:  # as the next command that names the folder, whatever it is
-            assert knotfab("printers", folder / "part.stl").code == 2
-        seen.append(listing(folder))
-        assert seen[-1] in (before, after), f"mixed after {count}"
-        if code == 0:
-            break
-    assert code == 0 and len(seen) > 8
-    assert seen[0] == before and seen[-1] == after
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
-def test_mending_that_is_killed_is_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """This holds for mending that has to undo, too: something is in the way of a file."""
-    monkeypatch.setattr(os, "fsync", lambda _: None)
-    for way, count in ((way, count) for way in (False, True) for count in range(1, 10)):
-        folder = tmp_path / f"{way}-{count}"
-        old_files(folder)
-        before = listing(folder)
-
-        def killed(folder: Path = folder) -> None:
-            with OutputFolder(folder) as out:
-                for name in ("knots.json", "part.stl", "report.json"):
-                    out.write(name, "new")
-                kill_at(5, monkeypatch)
-                out.commit()
-
-        assert in_a_child(killed) == 9
-        assert any(p.name.startswith(".knotfab-") for p in folder.iterdir())
-        if way:
-            (folder / "report.json").unlink()
-            (folder / "report.json").mkdir()
-
-        def mended(folder: Path = folder, count: int = count) -> None:
-            kill_at(count, monkeypatch)
-            mend(folder)
-
-        in_a_child(mended)
-        mend(folder)
-        found = listing(folder)
-        if way:
-            assert found.pop("report.json/") == b"" and before["part.stl"] == found["part.stl"]
-            assert set(found) == set(before) - {"report.json"}
-        else:
-            assert (found["part.stl"], found["report.json"]) == (b"new", b"new")
-            assert "part.glb" not in found
-
-
 def test_a_living_build_keeps_its_hidden_folder(tmp_path: Path) -> None:
     with OutputFolder(tmp_path) as out:
         out.write("knots.json", "new")
@@ -442,129 +327,3 @@ def test_a_disk_that_fails_is_said_in_one_sentence(
             raise RuntimeError("Error writing stream")
         monkeypatch.undo()
         assert listing(tmp_path) == before
-
-
-STEPS: dict[str, Callable[[Path], list[object]]] = {
-    "absolute": lambda aside: [["new/evil", str(aside / "victim")]],
-    "absolute, from anywhere": lambda aside: [[str(aside / "victim"), "part.stl"]],
-    "upwards": lambda aside: [["new/evil", "../aside/victim"]],
-    "upwards, from the hidden folder": lambda aside: [["../../aside/victim", "part.stl"]],
-    "by a link": lambda aside: [["new/evil", "link/victim"]],
-    "nested": lambda aside: [["new/evil", "deep/mine"]],
-    "the other way round": lambda aside: [["new/evil", "deep\\mine"]],
-    "another's file": lambda aside: [["evil", "mine"]],
-    "removed": lambda aside: [[None, "mine"]],
-    "a device": lambda aside: [["new/evil", "CON"], ["new/evil", "nul.txt"]],
-    "a stream": lambda aside: [["new/evil", "mine:evil"]],
-    "a null character": lambda aside: [["new/evil", "mine\0"]],
-    "nothing": lambda aside: [["new/evil", ""], ["new/evil", "."], ["new/evil", ".."]],
-    "no steps": lambda aside: [["new/evil"], 3, None, {"new/evil": "mine"}],
-    "plain": lambda aside: [["new/mine", "mine"]],
-}
-
-
-def strangers_folder(place: Path, steps: list[object], wrap: Callable[[str], object]) -> Path:
-    """A folder of somebody else, with moves in it, beside a file of the user."""
-    for folder in (
-        "aside",
-        "from afar/deep",
-        "from afar/.knotfab-x/new",
-        "from afar/.knotfab-x/old",
-    ):
-        (place / folder).mkdir(parents=True)
-    (place / "aside" / "victim").write_text("user")
-    folder = place / "from afar"
-    (folder / "link").symlink_to(place / "aside")
-    for name in ("mine", "deep/mine", "report.json"):
-        (folder / name).write_text("user")
-    for name in ("evil", "new/evil", "new/mine", "old/victim", "old/mine"):
-        (folder / ".knotfab-x" / name).write_text("evil")
-    for name in ("moves.json", "undo.json"):
-        (folder / ".knotfab-x" / name).write_text(json.dumps(wrap(json.dumps(steps))))
-    return folder
-
-
-@pytest.mark.parametrize("kind", STEPS)
-def test_moves_that_a_stranger_wrote_do_nothing(tmp_path: Path, kind: str) -> None:
-    """They come as once written, under made-up seals, and under one of this user for another folder."""
-    ours = killed_build(tmp_path / "ours", note="new")
-    seal, signed = (ours / "seal").read_text(), json.loads((ours / "moves.json").read_text())
-    wraps: list[tuple[str | None, Callable[[str], object]]] = [
-        (None, json.loads),
-        ("", lambda text: ["", text]),
-        ("0" * 64, lambda text: ["0" * 64, text]),
-        (seal, lambda text: [signed[0], text]),
-        (seal, lambda _: signed),
-    ]
-    for number, (mark, wrap) in enumerate(wraps):
-        place = tmp_path / f"{number}"
-        folder = strangers_folder(place, STEPS[kind](place / "aside"), wrap)
-        if mark is not None:
-            (folder / ".knotfab-x" / "seal").write_text(mark)
-        before = listing(place)
-        mend(folder)
-        assert listing(place) == before
-        with OutputFolder(folder) as out:
-            out.write("mine", "new")
-            out.commit()
-        assert listing(place) == before | {"from afar/mine": b"new"}
-
-
-@pytest.mark.parametrize("kind", STEPS)
-def test_moves_under_a_true_seal_stay_in_their_folder(tmp_path: Path, kind: str) -> None:
-    place = tmp_path / "place"
-    folder = strangers_folder(place, STEPS[kind](place / "aside"), json.loads)
-    hidden = folder / ".knotfab-x"
-    text = (hidden / "moves.json").read_text()
-    (hidden / "seal").write_text(_sign(hidden, ""))
-    (hidden / "moves.json").write_text(json.dumps([_sign(hidden, text), text]))
-    mend(folder)
-    found = listing(place)
-    assert found["aside/victim"] == b"user" == found["from afar/deep/mine"]
-    own = {"plain": b"evil", "removed": None}  # such moves a build may write down
-    assert found.get("from afar/mine") == own.get(kind, b"user")
-    assert not any(name.casefold().startswith(("from afar/con", "from afar/nul")) for name in found)
-
-
-@pytest.mark.parametrize("link", [".knotfab-x", "new", "old", "seal"])
-def test_links_in_place_of_a_hidden_folder_are_not_followed(tmp_path: Path, link: str) -> None:
-    hidden = killed_build(tmp_path / "out", part__stl="new")
-    (tmp_path / "out" / "part.stl").write_text("old")
-    at = hidden if link == ".knotfab-x" else hidden / link
-    at.rename(tmp_path / "elsewhere")
-    at.symlink_to(tmp_path / "elsewhere")
-    before = listing(tmp_path)
-    mend(tmp_path / "out")
-    assert listing(tmp_path) == before
-
-
-def test_moves_of_a_user_without_a_place_for_the_secret_are_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("KNOTFAB_STATE", str(tmp_path / "file" / "deeper"))
-    build(tmp_path / "out", note="new")
-    assert listing(tmp_path / "out") == {"note": b"new"}
-    killed_build(tmp_path / "out", note="newer")
-    monkeypatch.setattr("knotfab.base.moves._PASSING", b"of the next process")
-    _kept_secret.cache_clear()
-    before = listing(tmp_path)
-    mend(tmp_path / "out")
-    assert listing(tmp_path) == before
-    _kept_secret.cache_clear()
-
-
-def test_no_command_does_moves_that_a_stranger_wrote(tmp_path: Path) -> None:
-    folder = strangers_folder(tmp_path, STEPS["absolute"](tmp_path / "aside"), json.loads)
-    picture(folder / "cat.png", square(8))
-    before = listing(tmp_path)
-    cat, scene = folder / "cat.png", folder / "scene.toml"
-    for call in (
-        ("printers", folder), ("preview", cat), ("preview", folder), ("validate", folder),
-        ("validate", f"--scene={scene}"), ("shadow", folder / "part.stl", "--scene", scene),
-        ("compare", cat, folder), ("build", cat, "--wrong"), ("build", "--scene", scene),
-        ("batch", folder, "--wrong"), ("tradeoff", cat, "--wrong"), ("studio", "--out", folder, "--wrong"),
-        ("mcp", "--allow", cat),
-    ):  # fmt: skip
-        knotfab(*call)
-        assert listing(tmp_path) == before, call
