@@ -41,8 +41,8 @@ def to_part(points: Array) -> Array:
 def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A part, its knots, its scene, and as its picture the shadow that it casts."""
     tmp_path = tmp_path_factory.mktemp("right")
-    curve = trefoil(240, 16.0)
-    vertices, faces = tube(curve, RADIUS, 48)
+    curve = trefoil(160, 16.0)
+    vertices, faces = tube(curve, RADIUS, 24)
     (tmp_path / "part.stl").write_bytes(encode(Body(to_part(vertices), faces), "stl"))
     (tmp_path / "part.3mf").write_bytes(encode(Body(to_part(vertices), faces), "3mf"))
     knots = [{"closed": True, "type": "3_1", "points": to_part(curve).tolist()}]
@@ -245,8 +245,8 @@ SHIFTED = np.array([[0.0, 1, 0, -5], [0, 0, 1, 7], [1, 0, 0, 3], [0, 0, 0, 1]])
 
 def write(folder: Path, part: float, knots: float, pose: float) -> Path:
     """A ring of 30 mm and its picture; part and knots written so much larger, and a pose that shrinks so."""
-    curve = circle(120, 30.0)
-    vertices, faces = tube(curve, 2.0, 24)
+    curve = circle(60, 30.0)
+    vertices, faces = tube(curve, 2.0, 16)
     seen = view_geometry(FACING, 256, 256)
     dark = shadow_mask(shadow_lines(vertices, faces, seen), seen)
     Image.fromarray(np.where(dark, 0, 255).astype(np.uint8)).save(folder / "front.png")

@@ -303,7 +303,7 @@ def test_polynomials() -> None:
 def test_floer_homology_proves_an_unknot_that_was_not_reduced(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    placed = general_position([move_randomly(ring(40, 2.0), 40, 1)])
+    placed = general_position([move_randomly(ring(24, 2.0), 16, 1)])
     assert placed is not None
     monkeypatch.setattr(
         "knotfab_validators.knots.identity.reduce_polygons",
