@@ -111,10 +111,10 @@ def test_bodies_of_several_objects_are_dropped_and_noticed(tmp_path: Path) -> No
 
 def _knots_apart() -> list[Mesh]:
     """Three loose knots at different heights, the lowest on the bed."""
-    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    wave = np.stack([15 * np.cos(t), 15 * np.sin(t), 3 * np.sin(2 * t)], axis=1)
-    places = ((20.0, 20.0, 6.0), (60.0, 20.0, 12.0), (35.0, 55.0, 18.0))
-    meshes = [sweep(wave + np.array(place), 2.5, 12) for place in places]
+    t = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    wave = np.stack([6 * np.cos(t), 6 * np.sin(t), np.sin(2 * t)], axis=1)
+    places = ((10.0, 10.0, 3.0), (28.0, 10.0, 6.0), (18.0, 28.0, 9.0))
+    meshes = [sweep(wave + np.array(place), 2.0, 12) for place in places]
     low = np.min([vertices.min(axis=0) for vertices, _ in meshes], axis=0)
     return [(vertices - low, faces) for vertices, faces in meshes]
 

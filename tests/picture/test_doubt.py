@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
+from tables import some
 
 from knotfab.design.readings import is_unclear, try_readings
 from knotfab.design.sentence import describe
@@ -87,6 +88,14 @@ def test_what_may_be_meant_otherwise_names_the_option(kind: str, tmp_path: Path)
     assert other.doubt is None  # somebody said what is meant
     if taken.mask.shape == other.mask.shape:
         assert mask_iou(taken.mask, other.mask) < 0.55  # the doubt's own is of a smaller picture
+
+
+@pytest.mark.parametrize("kind", some(UNSURE, 3))
+def test_the_sentence_and_the_readings_offer_what_the_doubt_names(
+    kind: str, tmp_path: Path
+) -> None:
+    doubt, path = doubt_of(UNSURE[kind], tmp_path)
+    assert doubt is not None
     first, *_ = describe(survey_pictures([path], BuildOptions()))
     assert first.startswith("picture: what is meant is unsure") and first.endswith("takes it.")
     shown = try_readings(path, resolve(Scene()))[:2]

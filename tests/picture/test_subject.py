@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +17,11 @@ from reports import recognition
 from scipy.ndimage import label
 
 from knotfab.base.arrays import Mask
-from knotfab.base.errors import MachineError
+from knotfab.base.errors import MachineError, SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.cli.commands import app
 from knotfab.design.frames import frame_view
-from knotfab.design.readings import advise
+from knotfab.design.readings import PICTURE, TriedReading, advise
 from knotfab.part.write import _write_scene
 from knotfab.picture.lamps import mixtures_of, on_one_canvas, separate, to_oklab
 from knotfab.picture.read import Target, read_target
@@ -259,7 +261,31 @@ def test_what_cannot_be_cut_is_told_in_a_sentence(tmp_path: Path, words: str, wh
     assert caught.value.exit_code == 2 and "\n" not in str(caught.value)
 
 
+def test_a_refused_photograph_is_told_the_cut_that_a_build_would_take(tmp_path: Path) -> None:
+    image = Image.new("L", (60, 60), 255)
+    image.paste(0, (15, 15, 45, 45))
+    image.save(tmp_path / "square.png")
+    found = survey_pictures([str(tmp_path / "square.png")], BuildOptions())
+    (seen,) = found.views
+    refused = replace(found, refusal=SceneError(PICTURE, "it is too fine", "Draw it larger."))
+    cut = {"subject_px": (30, 20, 60, 60)}
+    with io.BytesIO() as file:
+        Image.fromarray(skimage.data.coffee()[::4, ::4]).save(file, "PNG")
+        photo = replace(seen, target=replace(seen.target, png_bytes=file.getvalue()))
+    for view, refusal, said in (
+        (photo, None, "Cut one thing .* such as --subject 30,20,60,60, which a build would take"),
+        (photo, "no", r"Cut one thing out of the photograph: .* in px\. Draw it larger\."),
+        (seen, None, r"Draw it larger\.$"),
+    ):
+        told = advise(
+            replace(refused, views=(view,)), (TriedReading(cut, seen.target, 0.5, refusal),)
+        )
+        assert re.search(said, str(told.refusal)), said
+        assert ("Cut" in str(told.refusal)) == (view is photo)
+
+
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_photograph_that_is_refused_is_told_to_be_cut(tmp_path: Path) -> None:
     path = str(tmp_path / "cup.png")
     Image.fromarray(skimage.data.coffee()[::2, ::2]).save(path)

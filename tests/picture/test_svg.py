@@ -386,6 +386,7 @@ def test_drawings_in_drawings_end(tmp_path: Path) -> None:
         read(tmp_path, text)
 
 
+@pytest.mark.usefixtures("drawn_apart")
 @pytest.mark.slow
 def test_a_filter_without_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     endless = page(
@@ -397,6 +398,7 @@ def test_a_filter_without_end_is_ended(tmp_path: Path, monkeypatch: pytest.Monke
         read(tmp_path, endless)
 
 
+@pytest.mark.usefixtures("drawn_apart")
 @pytest.mark.slow
 def test_layers_without_end_are_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(render, "LONGER_SIDE", 4000)
@@ -405,6 +407,14 @@ def test_layers_without_end_are_ended(tmp_path: Path, monkeypatch: pytest.Monkey
         read(tmp_path, layers)
 
 
+@pytest.mark.usefixtures("drawn_apart")
+@pytest.mark.parametrize("kind", [next(iter(SQUARES)), "a page's colour", "embedded png"])
+def test_a_process_of_its_own_draws_the_same(tmp_path: Path, kind: str) -> None:
+    target = read(tmp_path, SQUARES[kind])
+    assert target.mask.mean() == pytest.approx(0.36, abs=0.006)
+
+
+@pytest.mark.usefixtures("drawn_apart")
 def test_a_process_that_crashes_is_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -126,7 +126,7 @@ def chain(
 ) -> Part:
     """A ring of arches; `lift` raises the first valleys above the others, `cut` radii are off the feet."""
     flank, bend = np.radians(flank_deg), 1.3 * radius
-    half, turn = height / np.tan(flank), np.linspace(-flank, flank, 25)
+    half, turn = height / np.tan(flank), np.linspace(-flank, flank, 15)
     middle = bend / np.cos(flank)  # of the arc in a corner, above a valley or below a peak
     rows = []
     for k in range(2 * arches):
@@ -136,7 +136,7 @@ def chain(
             np.column_stack([k * half + bend * np.sin(turn), corner - up * bend * np.cos(turn)])
         )
         start, end = rows[-1][-1], [(k + 1) * half - rows[0][-1, 0], height - rows[-1][-1, 1]]
-        steps = int(np.hypot(*(end - start)) / 0.5)
+        steps = int(np.hypot(*(end - start)) / 1.0)
         rows.append(start + np.linspace(0, 1, steps + 1)[1:-1, None] * (end - start))
     s, z = np.concatenate(rows).T
     around = 2 * arches * half

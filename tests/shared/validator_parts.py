@@ -98,7 +98,7 @@ def hairpin(bend: float, leg: float = 20.0, n: int = 24) -> Array:
 
 
 RADIUS, SIDES = 4.0, 48
-CIRCLE = circle(120)
+CIRCLE = circle(90)
 
 
 def ring(**changes: Array | Ints) -> Mesh:

@@ -147,6 +147,7 @@ def test_an_onlooker_reads_a_flat_piece_and_not_a_ball(
     assert onlooker.read(ball, 3.0, light, straight) < 1.5
 
 
+@pytest.mark.study
 def test_onlookers_say_what_a_person_said_of_forty_views() -> None:
     found = measure_views()
     named = WORDS == 2

@@ -12,6 +12,7 @@ import shapely
 from questions import ask_heart, start_and_search
 from scipy import ndimage
 from shapely import MultiPolygon, Point, box
+from tables import some
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
@@ -82,7 +83,10 @@ def verdicts(tied: Tied, promise: str) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "asked",
-    ["trefoil", "left trefoil", "4_1", "5_2", "left 7_4", "8_19", "8_18", "square", "3_1#4_1"],
+    some(
+        ["trefoil", "left trefoil", "5_2", "left 7_4", "4_1", "8_18", "8_19", "square", "3_1#4_1"],
+        3,
+    ),
 )
 def test_the_knot_is_what_was_asked_for_and_out_of_sight(asked: str) -> None:
     name = parse_knot_name(asked)

@@ -331,13 +331,16 @@ def test_a_mount_may_darken_a_thousandth_of_the_frame(seen: VerifiedView) -> Non
 BROKEN, GOOD = broken_parts(), good()
 
 
-def of_each_check(cases: list[Broken]) -> Iterator[Broken]:
-    """Every fourth case, and the first one of each check; test_hostile gives the files made by hand."""
+def of_each_check(cases: list[Broken]) -> Iterator[object]:
+    """The first case of each check, every fourth as a study; test_threemf reads files made by hand."""
     seen: set[str] = set()
     for number, case in enumerate(cases):
-        if number % 4 == 0 or case.meant not in seen:
-            seen.add(case.meant)
-            yield case
+        first = case.meant not in seen
+        seen.add(case.meant)
+        if first or number % 4 == 0:
+            yield pytest.param(
+                case, id=f"{case.meant}: {case.name}", marks=[] if first else [pytest.mark.study]
+            )
 
 
 def list_others(meant: str) -> list[str]:
@@ -351,9 +354,7 @@ def list_others(meant: str) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "case", list(of_each_check(BROKEN)), ids=lambda case: f"{case.meant}: {case.name}"
-)
+@pytest.mark.parametrize("case", list(of_each_check(BROKEN)))
 def test_a_broken_part_is_rejected_where_it_is_broken(case: Broken, tmp_path: Path) -> None:
     row = judge_case(case, tmp_path, list_others(case.meant))
     assert row.right, row.said
@@ -361,7 +362,7 @@ def test_a_broken_part_is_rejected_where_it_is_broken(case: Broken, tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", some(GOOD[::4], 2), ids=lambda case: case.name)
+@pytest.mark.parametrize("case", some(GOOD[::4], 4), ids=lambda case: case.name)
 def test_a_good_part_is_not_rejected(case: Good, tmp_path: Path) -> None:
     row = judge_case(case, tmp_path)
     assert row.right, row.said
@@ -377,10 +378,15 @@ def test_the_corpus_is_as_large_as_promised() -> None:
 def test_every_required_check_has_a_part_that_it_must_reject(tmp_path: Path) -> None:
     """`shadow_exact` compares two pictures that we draw: a file cannot make them differ."""
     asked: set[str] = set()
-    for mount, supports in (("none", True), ("wall", False), ("stand", True)):
+    for mount, supports, only in (
+        ("none", True, "geometry"),
+        ("wall", False, None),
+        ("stand", True, "geometry"),
+    ):
         printer = {"supports": supports, "max_support_cm3": 100.0}
         part = with_scene(make_part(circle()), printer=printer, mount={"kind": mount})
         files = write(part, tmp_path)
-        checks = validate(files.part, files.knots, files.scene, skip=["shadow-render"]).checks
+        given = files.part, files.knots, files.scene
+        checks = validate(*given, skip=["shadow-render"], only=only).checks
         asked |= {c.name for c in checks if c.required} - {"shadow_exact"}
     assert asked <= {case.meant for case in BROKEN}

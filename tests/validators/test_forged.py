@@ -20,6 +20,17 @@ from tests.corpus.forged_sequence import (
 from tests.corpus.forging import HOLDERS, Held, write_held
 
 EVERY = 8  # of the forgeries, so many are left to the table for each that is tried here
+# one of each way to hold a piece: bars, a plate and feet; the frame of lamps has checks of its own
+HONEST = {"stand", "outline plate", "lamp frame"}
+FORGED = {
+    "members thinned in all files",
+    "dowel shortened a little",
+    "member 0 cut off at its foot",
+    "one of rods left out of all files",
+    "void under a foot",
+    "no bars in knots.json",
+    "no bars in the scene",
+}
 
 
 @cache
@@ -30,19 +41,31 @@ def held(holder: str) -> Held:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("holder", some(HOLDERS, 2))
+@pytest.mark.parametrize(
+    "holder", [pytest.param(h, marks=[pytest.mark.study] * (h not in HONEST)) for h in HOLDERS]
+)
 def test_an_honest_piece_passes(holder: str) -> None:
     assert judge(held(holder).folder, quick=False) == ()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", some(forged()[::EVERY], 2), ids=lambda c: f"{c.holder}: {c.name}")
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(
+            case,
+            id=f"{case.holder}: {case.name}",
+            marks=[pytest.mark.study] * (case.name not in FORGED),
+        )
+        for case in forged()[::EVERY]
+    ],
+)
 def test_a_forged_piece_is_rejected(case: Forged, tmp_path: Path) -> None:
     assert judge_forged(case, held(case.holder), tmp_path / "forged")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [1, 2, 3])
+@pytest.mark.parametrize("number", some([1, 2, 3], 3))
 def test_an_honest_frame_passes(number: int) -> None:
     assert judge_frame(sequence_folder(), number) == ()
 

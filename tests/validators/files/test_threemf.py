@@ -9,6 +9,7 @@ from pathlib import Path
 import lib3mf
 import numpy as np
 import pytest
+from tables import some
 
 from knotfab_validators.check import MOST_TRIANGLES, BadFile
 from knotfab_validators.files import threemf_model
@@ -267,7 +268,7 @@ def test_hostile_files_get_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", range(4))
+@pytest.mark.parametrize("block", some(range(4), 2))
 def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
     # seeds among the 10,000 of make validator-table
     for seed in range(15 * block, 15 * (block + 1)):

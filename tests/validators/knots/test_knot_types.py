@@ -54,7 +54,7 @@ ALWAYS = {"3_1", "6_3", "8_19", "9_42", "10_161"}
 
 @pytest.fixture(autouse=True)
 def _search_briefly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A diagram that has no fewer crossings is searched for them for as many steps as find them in the others."""
+    """Search a diagram that needs all its crossings no longer than finds fewer in the others."""
     monkeypatch.setattr("knotfab_validators.knots.rerouting.WORK", 10_000)
 
 

@@ -180,8 +180,7 @@ MORE = [pytest.param(n, 1, marks=pytest.mark.study) for n in (9, 10)]
 
 
 @pytest.mark.parametrize(
-    ("crossings", "every"),
-    [*((n, 1) for n in range(3, 9)), (9, 5), (10, 11), *MORE],
+    ("crossings", "every"), [*((n, 1) for n in range(3, 9)), (9, 5), (10, 11), *MORE]
 )
 def test_the_invariants_are_those_of_the_braids(crossings: int, every: int) -> None:
     """So Alexander polynomial and Floer homology agree for all of them, too."""

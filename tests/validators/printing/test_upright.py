@@ -318,7 +318,11 @@ UPRIGHT_SCENE = parse_scene(
     [
         (braced, set()),
         (lambda: braced(1), {"bars", "legs"}),
-        (lambda: replace(braced(), curves=chain(**TALL).curves), {"bars"}),
+        pytest.param(
+            lambda: replace(braced(), curves=chain(**TALL).curves),
+            {"bars"},
+            marks=pytest.mark.study,
+        ),
         (lambda: chain(cut=0.0), {"feet"}),
         (lambda: replace(chain(), curves=chain(4).curves), {"tube"}),
     ],
