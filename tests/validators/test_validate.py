@@ -118,6 +118,7 @@ def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path, exact: Verd
         assert getattr(view, key) == pytest.approx(getattr(polygons, key), abs=2e-4)
 
 
+@pytest.mark.usefixtures("unnamed")
 def test_a_shadow_one_pixel_off_fails_the_outline(folder: Path) -> None:
     knots = json.loads((folder / "knots.json").read_text())
     shift = 150 / 1024 * 500 / 600  # scene y is part z
@@ -131,6 +132,7 @@ def test_a_shadow_one_pixel_off_fails_the_outline(folder: Path) -> None:
     assert measured == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.usefixtures("unnamed")
 def test_a_part_behind_the_wall_throws_no_shadow_and_fails(folder: Path) -> None:
     away = POSE.copy()
     away[:3, 3] -= [5e3, 0.0, 8.66e3]
@@ -154,6 +156,7 @@ def test_an_unprinted_piece_is_not_held_against_the_printer(folder: Path) -> Non
         assert (check.detail == "checked with --print") == (said == "false")
 
 
+@pytest.mark.usefixtures("unnamed")
 def test_where_nothing_renders_it_says_so_with_exit_code_3(
     right: Path, exact: Verdict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,6 +168,7 @@ def test_where_nothing_renders_it_says_so_with_exit_code_3(
     assert exact.exit_code == 0 and status(exact)["shadow"] == "pass"
 
 
+@pytest.mark.usefixtures("unnamed")
 def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
     scene = (folder / "scene.toml").read_text()
     (folder / "scene.toml").write_text(scene.replace(OFF, OFF.replace("off", "on")))
@@ -175,6 +179,7 @@ def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
     assert view.penumbra.iou > 0.97 and 0.9 < view.misplacement.iou < 1.0
 
 
+@pytest.mark.usefixtures("unnamed")
 @pytest.mark.parametrize(("diameter", "expected"), [(0.0, None), (60.0, "fail")])
 def test_a_lamp_too_wide_for_its_strands_fails_as_the_lamp_it_is(
     folder: Path, diameter: float, expected: str | None
@@ -188,6 +193,7 @@ def test_a_lamp_too_wide_for_its_strands_fails_as_the_lamp_it_is(
     assert status(verdict).get("half_light") == expected
 
 
+@pytest.mark.usefixtures("unnamed")
 def test_a_check_may_be_left_out_by_name(right: Path) -> None:
     verdict = run(right, skip=["shadow-render", "outline"], only="shadows")
     assert status(verdict)["outline"] == "skipped" and verdict.exit_code == 0
@@ -220,6 +226,7 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     assert found == ([("measured", "")] if asked else left)
 
 
+@pytest.mark.usefixtures("unnamed")
 def test_two_halves_are_the_whole(right: Path, tmp_path: Path) -> None:
     """Two processes measure them and exchange JSON; a failure of either is drawn."""
     skip = ("shadow-render", "legibility", "clearance", *KNOTS)
@@ -276,11 +283,13 @@ def fails(folder: Path) -> set[str]:
     return {check.name for check in found if check.status == "fail" and check.required}
 
 
+@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_it_is_measured_as_it_shrinks(tmp_path: Path) -> None:
     assert not fails(write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT))
 
 
+@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
     assert "outline" in fails(write(tmp_path, 1.0, 1 / LEFT, LEFT))
@@ -291,6 +300,7 @@ def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
         fails(write(tmp_path, 1 / LEFT, 1 / LEFT, 0.98))
 
 
+@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_projection_and_receiver_take_the_files_coordinates(tmp_path: Path) -> None:
     folder = write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT)
