@@ -48,14 +48,9 @@ from knotfab_validators.validate import validate
 
 SMALL = [name for name in prime_names() if int(name.split("_")[0]) <= 8]
 LARGE = ["9_35", "9_42", "10_48", "10_132", "10_139", "10_161", "10_165"]
-# the least knot, one that is its own mirror image, one whose crossings do not alternate, and large ones
-ALWAYS = {"3_1", "6_3", "8_19", "9_42", "10_161"}
-
-
-@pytest.fixture(autouse=True)
-def _search_briefly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Search a diagram that needs all its crossings no longer than finds fewer in the others."""
-    monkeypatch.setattr("knotfab_validators.knots.rerouting.WORK", 10_000)
+ALWAYS = {"3_1", "6_3", "8_19", "9_42", "10_161"}  # 6_3 is amphichiral, 8_19 not alternating
+TABLE = [pytest.param(n, marks=() if n in ALWAYS else pytest.mark.study) for n in SMALL + LARGE]
+pytestmark = pytest.mark.usefixtures("brief")
 
 
 def check_knot_type(found: Curves) -> Check:
@@ -131,13 +126,7 @@ def test_rejects_a_small_trefoil_tied_into_a_big_tangle(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.study] * (name not in ALWAYS))
-        for name in SMALL + LARGE
-    ],
-)
+@pytest.mark.parametrize("name", TABLE)
 def test_knots_of_the_table_are_recognised_with_their_hands(name: str) -> None:
     (polygon,) = braid(braid_word(name))
     even = is_amphichiral(name)

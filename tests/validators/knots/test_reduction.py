@@ -224,12 +224,6 @@ def test_unknots_come_down_to_nothing() -> None:
         assert not reroute(closed_braid(random_markov([1, -2, 3], 60, seed))).crossings
 
 
-@pytest.fixture
-def brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Search for fewer crossings no longer than finds them in the diagrams that have more than they need."""
-    monkeypatch.setattr("knotfab_validators.knots.rerouting.WORK", 10_000)
-
-
 @pytest.mark.usefixtures("brief")
 @pytest.mark.parametrize(("p", "q"), [(2, 11), (3, 7)])
 def test_no_diagram_has_fewer_crossings_than_its_knot(p: int, q: int) -> None:
