@@ -7,13 +7,15 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from contextlib import suppress
 from email import message_from_string
-from importlib.metadata import packages_distributions
+from importlib.metadata import PackageNotFoundError, metadata, packages_distributions
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from command import knotfab, picture, square
+from packaging.specifiers import SpecifierSet
 from questions import ask_quick
 
 import knotfab as package
@@ -86,6 +88,17 @@ def test_everything_that_is_required_is_pinned() -> None:
     assert names - pins == {"knotfab"}
     (everything,) = extras["all"]
     assert set(re.findall(r"\w+", everything)) == {"knotfab", *extras} - {"all"}
+
+
+def test_every_pin_can_be_installed_by_the_oldest_python_that_the_project_takes() -> None:
+    """Debian 12 has Python 3.11.2: a pin that takes 3.11.5 or newer ends `make demo` there."""
+    oldest = PROJECT["project"]["requires-python"].removeprefix(">=") + ".0"
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        name, _, version = line.partition("==")
+        with suppress(PackageNotFoundError):
+            told = metadata(name)
+            if told["Version"] == version:
+                assert SpecifierSet(told["Requires-Python"] or "").contains(oldest), line
 
 
 @pytest.mark.slow

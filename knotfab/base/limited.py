@@ -117,27 +117,29 @@ def _work_as_copy(work: Callable[[], Any], theirs: int, seconds: int, gigabytes:
     code = 1
     try:
         _limit(seconds, gigabytes)
-        sent: tuple[Any, ...]
         try:
             with recording() as parts:
-                sent = (None, (work(), parts), {})
+                packed = _packed((None, (work(), parts), {}))
         except Exception as error:
             error.add_note(traceback.format_exc())
-            sent = (type(error), error.args, error.__dict__)
+            packed = _packed((type(error), error.args, error.__dict__), error)
         with open(theirs, "wb") as pipe:
-            pipe.write(_packed(sent) + b".")
+            pipe.write(packed + b".")
         code = 0
     finally:
         os._exit(code)  # no tidying up of what is the parent's
 
 
-def _packed(sent: tuple[Any, ...]) -> bytes:
+def _packed(sent: tuple[Any, ...], error: Exception | None = None) -> bytes:
+    """Pickle what a copy sends; an error that the parent could not make again is kept in a file."""
     try:
+        if error is not None:
+            type(error).__new__(type(error), *error.args)
         return pickle.dumps(sent, pickle.HIGHEST_PROTOCOL)
     except MemoryError:
         return pickle.dumps((MemoryError, (), {}))
-    except Exception as error:
-        told = keep_traceback(error)
+    except Exception as fault:
+        told = keep_traceback(error or fault)
         return pickle.dumps((type(told), told.args, told.__dict__))
 
 

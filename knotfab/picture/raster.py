@@ -298,7 +298,7 @@ def own_box(mask: Mask) -> Box:
     """Return a silhouette's bounding box with a margin, clipped to the picture."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     height, width = mask.shape
-    longer = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
+    longer = int(max(rows[-1] - rows[0], columns[-1] - columns[0])) + 1
     margin = max(2, round(longer * MARGIN / (1 - 2 * MARGIN)), (SMALLEST_SIDE - longer + 1) // 2)
     left, top = max(0, int(columns[0]) - margin), max(0, int(rows[0]) - margin)
     right = min(width, int(columns[-1]) + 1 + margin)

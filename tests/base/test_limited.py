@@ -10,9 +10,10 @@ from collections.abc import Callable
 import pytest
 
 from knotfab.base import limited
-from knotfab.base.errors import SceneError
+from knotfab.base.errors import MachineError, SceneError
 from knotfab.base.limited import end_copies, run_limited
 from knotfab_formats.errors import InputError
+from knotfab_formats.views import Reading
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="only Linux makes copies"),
@@ -29,6 +30,12 @@ def refuse() -> None:
     raise SceneError("the thing", "it is wrong", "Mend it.")
 
 
+def hold() -> None:
+    error = SceneError("the thing", "it is wrong", "Mend it.")
+    error.lock = threading.Lock()  # type: ignore[attr-defined]
+    raise error
+
+
 def test_what_is_given_and_raised_comes_back() -> None:
     here = os.getpid()
     assert run_limited(lambda: (os.getpid() != here, b"x" * 3_000_000), "it", seconds=5) == (
@@ -41,6 +48,10 @@ def test_what_is_given_and_raised_comes_back() -> None:
     with pytest.raises(FileNotFoundError) as missing:
         run_limited(lambda: os.stat("/no/such/file"), "it", seconds=5)
     assert missing.value.errno == 2
+    # pydantic's errors cannot be made again from their arguments, nor can what holds a lock be sent
+    for work, kind in ((lambda: Reading(threshold=2.0), "ValidationError"), (hold, "SceneError")):
+        with pytest.raises(MachineError, match=f"a mistake of knotfab's own: {kind} "):
+            run_limited(work, "it", seconds=5)
 
 
 @pytest.mark.parametrize(

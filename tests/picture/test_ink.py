@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFilter
 
 from knotfab.base.arrays import Mask
+from knotfab.picture.raster import own_box
 from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import drop_specks, holes_of, keep_largest, pieces_of
 from knotfab_formats.errors import InputError
@@ -208,6 +209,15 @@ def test_crop_to_the_drawing(tmp_path: Path, ink: str) -> None:
     np.testing.assert_array_equal(again.mask, found.mask)
     with pytest.raises(InputError, match="beyond"):
         read(tmp_path, image, crop_px=(60, 60, 70, 20))
+
+
+@pytest.mark.parametrize("side", [1, 2, 5, 15, 16, 40, SIDE])
+def test_the_box_of_a_drawing_of_any_size_is_one_that_a_scene_holds(side: int) -> None:
+    mask = np.zeros((SIDE, SIDE), dtype=bool)
+    mask[:side, SIDE - side :] = True
+    left, top, width, height = box = own_box(mask)
+    assert mask[top : top + height, left : left + width].sum() == side**2
+    assert Reading(crop_px=box).crop_px == box  # Python's integers, which numpy's are not
 
 
 def test_smoothing_changes_what_is_drawn_alone(tmp_path: Path) -> None:
