@@ -100,7 +100,7 @@ def _identify_diagram(diagram: PlanarDiagram, places: Array) -> Identity:
         knots = tuple(knot for knot in knots if knot.crossings <= count)
         reason = f"a diagram of {count} crossings, and no other knot of so few has its invariants"
     if not reason and (whole := _sum_of_parts(diagram, places)) is not None:
-        complete, knots = True, tuple(knot for knot in knots if knot.factors == whole.factors)
+        complete, knots = True, (whole,) if whole.invariants.fits(found) else ()
         reason = f"a diagram of {count} crossings that falls into the summands, each proved"
     if len(knots) > 1 and not _why_proved(found):
         knots, ruled_out = _compare_representations(diagram, knots)
