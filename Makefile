@@ -1,6 +1,6 @@
 # Two commands set everything up on a fresh Debian or Ubuntu with python3 and make:
 #   make demo    the main job on a picture of the project's own
-#   make test    tests, linters and the type checker; make test-quick: tests of a minute; make all-tests: studies too
+#   make test    tests, linters and the type checker; make test-quick: without builds and what takes seconds; make all-tests: studies too
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
