@@ -374,16 +374,17 @@ def _table(results: Mapping[Cell, Result]) -> str:
     for row in ROWS:
         words = []
         for column in COLUMNS:
-            good, said, _ = results.get(Cell(row, column), (True, "not run", ""))
-            said = said.partition(". ")[0]  # without the remedy
+            if (result := results.get(Cell(row, column))) is None:
+                words.append("not run")
+                continue
+            good, said = result[0], result[1].partition(". ")[0]  # without the remedy
             if good and said.startswith(("refused", "not here")):
-                if said not in notes:
-                    notes.append(said)
+                notes += [] if said in notes else [said]
                 words.append(f"{said.split(':')[0]} [{notes.index(said) + 1}]")
-            elif good and said != "not run":
+            elif good:
                 words.append("works" if said.startswith("exit 0") else "exit 1")
             else:
-                words.append(said if good else f"**FAILS**: {said}")
+                words.append(f"**FAILS**: {said}")
         lines.append(f"| [{row.name}]({row.page}) | " + " | ".join(words) + " |")
     return "\n".join([*lines, "", *(f"[{n}] {note}  " for n, note in enumerate(notes, start=1))])
 

@@ -76,10 +76,7 @@ def run(folder: Path, calls: list[list[str]], before: str = "") -> list[tuple[st
     done = subprocess.run(
         [sys.executable, "-c", code, json.dumps(calls)],
         cwd=folder,
-        env={
-            **os.environ,
-            "KNOTFAB_JOBS": "1",
-        },  # one process of validators for each build, not two
+        env={**os.environ, "KNOTFAB_JOBS": "1"},  # a build has one process of validators, not two
         capture_output=True,
         encoding="utf-8",
         timeout=120,

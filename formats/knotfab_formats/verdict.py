@@ -387,12 +387,18 @@ TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")  
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")
 OVERHANGING = ("overhang", "support_volume", "bridge", "floating", "islands")
 PRINTING = ("feature", "gap", *OVERHANGING, "standing")
-GROWN = ("reach", "legs", "feet", "feet_level", "tipping", "voids")  # of a part without supports
+GROWN = ("reach", "legs", "feet", "feet_level", "tipping", "voids")  # where no supports are
 UPRIGHT = ("cut", "bars", *GROWN)
 HELD = ("level",)  # a part that hangs on a thread
 PLATES = ("plate_mesh", "plates", "plates_volume")
 TABLE = ("table_mesh", "table_bars", "table", "table_shadow")  # the frame that holds several lamps
-PRINTER = ("build_volume", *PRINTING, *UPRIGHT, *PLATES, *TABLE)  # of pieces to be printed only
+PRINTER = (
+    "build_volume",
+    *PRINTING,
+    *UPRIGHT,
+    *PLATES,
+    *TABLE,
+)  # left out of a piece that is not printed
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
     *("half_light", "intrusion", "tone"),  # for a wide lamp, a mount, greys

@@ -296,13 +296,12 @@ def silhouette(
 
 def own_box(mask: Mask) -> Box:
     """Return a silhouette's bounding box with a margin, clipped to the picture."""
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    rows, columns = (np.flatnonzero(mask.any(axis)).tolist() for axis in (1, 0))
     height, width = mask.shape
-    longer = int(max(rows[-1] - rows[0], columns[-1] - columns[0])) + 1
+    longer = max(rows[-1] - rows[0], columns[-1] - columns[0]) + 1
     margin = max(2, round(longer * MARGIN / (1 - 2 * MARGIN)), (SMALLEST_SIDE - longer + 1) // 2)
-    left, top = max(0, int(columns[0]) - margin), max(0, int(rows[0]) - margin)
-    right = min(width, int(columns[-1]) + 1 + margin)
-    bottom = min(height, int(rows[-1]) + 1 + margin)
+    left, top = max(0, columns[0] - margin), max(0, rows[0] - margin)
+    right, bottom = min(width, columns[-1] + 1 + margin), min(height, rows[-1] + 1 + margin)
     return left, top, right - left, bottom - top
 
 

@@ -70,7 +70,7 @@ def test_the_scene_of_a_build_repeats_it(
     scene: dict[str, Any], flatter: bool, sparser: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("coarse_px", "fine_px", "coarse_iterations", "fine_iterations"):
-        monkeypatch.setitem(SHORT, name, FEW[name])  # of the search for what a limit costs
+        monkeypatch.setitem(SHORT, name, FEW[name])  # the search that prices a limit
     target = read_target("text:8")
     piece = {"tube_radius_mm": 5.0, **scene.pop("piece", {})}
     given = {"schema": 1, "views": [{"picture": "8.png"}], "search": FEW, "piece": piece, **scene}

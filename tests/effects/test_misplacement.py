@@ -24,9 +24,10 @@ def placed(**keys: float) -> World:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("turns", "bent"), some([(True, False), (True, True), (False, False)], 2))
-def test_it_bounds_the_truth_and_closely(turns: bool, bent: bool) -> None:
+@pytest.mark.parametrize("count", some([6, 12], 2))
+def test_it_bounds_the_truth_and_closely(turns: bool, bent: bool, count: int) -> None:
     rng = np.random.default_rng(3)
-    scenes = [bounds_and_truths(rng, ways=60, turns=turns, bent=bent) for _ in range(6)]
+    scenes = [bounds_and_truths(rng, ways=60, turns=turns, bent=bent) for _ in range(count)]
     pairs = np.array(scenes)
     bounds, truths = pairs[:, :, [0, 1, 2] if turns else [0, 2]].swapaxes(0, 1)
     assert (bounds >= truths).all() and (np.median(bounds / truths, axis=0) <= 1.1).all()

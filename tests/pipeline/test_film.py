@@ -75,7 +75,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         printing=True,
         sequence=True,
         command="test",
-        also=frozenset({"svg", "dxf"}),  # and STEP in test_piece
+        also=frozenset({"svg", "dxf", "step"}),
         skip=frozenset({"shadow-render"}),  # the exact polygons decide
     )
     return build(request)
@@ -103,8 +103,8 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
         } <= names
         assert {f"scene-{number}.toml", f"picture-frame-{number}.png"} <= names
         assert {f"shadow-frame-{number}.png", f"compare-frame-{number}.png"} <= names
-        assert f"shadow-frame-{number}.svg" in names
-        assert {f"centre-lines-{number}.{kind}" for kind in ("svg", "dxf")} <= names
+        assert {f"shadow-frame-{number}.svg", f"part-{number}.step"} <= names
+        assert {f"centre-lines-{number}.{kind}" for kind in ("svg", "dxf", "step")} <= names
     assert {"sequence.gif", "zoetrope.stl", "zoetrope.3mf", "report.json", "report.html"} <= names
     with Image.open(outcome.folder / "sequence.gif") as image:
         assert getattr(image, "n_frames", 1) == 2

@@ -231,7 +231,7 @@ def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
 
 @pytest.mark.build
 def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
-    """One light and one eye, on a stand, verified on the written file, with files for other tools.
+    """One light and one eye, on a stand, verified on the written file, with all files for other tools.
 
     That a scene of several views gives the same knots again is tested in design.
     """
@@ -253,7 +253,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render", "slicer"})
-    also = frozenset({"svg", "dxf"})
+    also = frozenset({"svg", "dxf", "step"})
     request = Request(
         resolve(scene), pictures, tmp_path / "out", printing=True, skip=skip, also=also
     )
@@ -271,7 +271,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     assert len(report["settings"]["start_ious"]) == 2
     there = {path.name for path in (tmp_path / "out").iterdir()}
     assert {f"{kind}-v{n}.{suffix}" for kind, suffix in FILES_OF_A_VIEW for n in (0, 1)} <= there
-    assert {f"centre-lines.{kind}" for kind in also} <= there
+    assert {"part.step", *(f"centre-lines.{kind}" for kind in also)} <= there
 
 
 def test_a_circle_start_is_simple_in_one_view() -> None:

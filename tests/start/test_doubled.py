@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from shapely import LineString, MultiPolygon, Point, Polygon, union_all
+from tables import some
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import arc_lengths, sample_evenly
@@ -57,16 +58,17 @@ LONG = LineString([(30, 0), (330, 0)])
 @pytest.mark.parametrize(
     ("stroke", "changes"), [(STRAIGHT, 0), (LONG, 1)], ids=["one arch", "two arches"]
 )
+@pytest.mark.parametrize("count", some([6, 20], 2))
 def test_strands_change_places_only_where_the_stroke_is_longer_than_an_arch(
-    stroke: LineString, changes: int
+    stroke: LineString, changes: int, count: int
 ) -> None:
     samples = draw_body(stroke)
     (stretch,) = find(samples)
     assert [tip is None for tip in stretch.tips] in ([True, False], [False, True])
     rng, (arc,) = np.random.default_rng(0), [arc_lengths(s) for s in samples]
-    loose = [changes_of_order(samples, draw(rng, samples, []), stroke) for _ in range(6)]
+    loose = [changes_of_order(samples, draw(rng, samples, []), stroke) for _ in range(count)]
     assert np.mean(loose) > changes + 1
-    for number in range(6):
+    for number in range(count):
         arches = draw(rng, samples, [stretch])
         if number % 2:
             arches = arches.varied(rng, 0.5)

@@ -142,16 +142,16 @@ def test_knots_of_the_table_are_recognised_with_their_hands(name: str) -> None:
         assert wrong.status == ("pass" if even else "fail")
 
 
-TREFOIL, GRANNY, SQUARE = (1, 1, 1), (1, 1, 1, 2, 2, 2), (1, 1, 1, -2, -2, -2)
-LEFT = (-1, -1, -1)
+TREFOIL, LEFT, GRANNY, SQUARE = (1,) * 3, (-1,) * 3, (1, 1, 1, 2, 2, 2), (1, 1, 1, -2, -2, -2)
 TWENTY = (1, 1, 1, -2, -1, -1, -1, -2)  # 8_20, with the Alexander polynomial of the square knot
 EIGHT = (-1, -1, -1, -2, 1, 3, -2, 3, 3)  # 8_8, with the invariants of 10_129
 SEVEN, THIRTEEN = (-1, -2) * 7, (1,) * 13  # T(3,-7) and T(2,13)
 SUM = braid_of(known_knot((Factor(6, 2, 1), Factor(6, 3, 0))))  # beyond the table
-LARGE = braid_of(known_knot((Factor(3, 1, -1), Factor(3, 1, 1), Factor(7, 4, 1))))  # and the sums
+TRIPLE = braid_of(known_knot((Factor(3, 1, -1), Factor(3, 1, 1), Factor(7, 4, 1))))  # 13 crossings
 DEAR = (SEVEN, THIRTEEN, SUM)  # seconds each
 FIBRED, FIVE, FALLS = "genus 1 and fibred", "Floer homology of T(2,5)", "a diagram of {} crossings"
-ALONE, BY_PSL = "no other knot of so few has its invariants", "its representations in PSL(2, p)"
+ALONE = "and no other knot of so few has its invariants"
+BY_PSL = "nor its representations in PSL(2, p)"
 # curve, what is promised of it, and the check's status, measure and reason
 JUDGED: list[tuple[Shape, str, str, str, str]] = [
     (TREFOIL, "unknown", "pass", "right-handed 3_1, proved", FIBRED),
@@ -171,8 +171,8 @@ JUDGED: list[tuple[Shape, str, str, str, str]] = [
     ("10_103", "right-handed 10_103", "pass", "right-handed 10_103, proved", BY_PSL),
     ("10_91", "right-handed 10_91", "pass", "right-handed 10_91, proved", BY_PSL),
     (SUM, "6_2#6_3", "pass", "right-handed 6_2#6_3, proved", "summands, each proved"),
-    (LARGE, "3_1#m3_1#7_4", "pass", "3_1#m3_1#7_4, proved", "summands, each proved"),
-    (LARGE, "3_1#3_1#7_4", "fail", "3_1#m3_1#7_4, proved", ""),
+    (TRIPLE, "3_1#m3_1#7_4", "pass", "3_1#m3_1#7_4, proved", "summands, each proved"),
+    (TRIPLE, "3_1#3_1#7_4", "fail", "3_1#m3_1#7_4, proved", ""),
     (SEVEN, "T(3,-7)", "pass", "T(3,-7), consistent", ""),
     (SEVEN, "unknown", "pass", "not a knot of the table (determinant 1)", ""),
     (LEFT, "12n_242", "skipped", "left-handed 3_1, proved", "is not understood"),

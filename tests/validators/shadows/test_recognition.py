@@ -345,7 +345,9 @@ def test_one_speck_never_lowers_the_word_and_fifty_do() -> None:
 @pytest.mark.slow
 def test_more_damage_never_gives_a_better_word() -> None:
     clean = spotted(0, 0)
-    words = [WORDS.index(judge(spotted(n, 2.5), clean, blur_px=5.7).word) for n in (0, 20, 300)]
+    words = [
+        WORDS.index(judge(spotted(n, 2.5), clean, blur_px=5.7).word) for n in (0, 1, 20, 80, 300)
+    ]
     assert words == sorted(words) and words[-1] >= 2
 
 

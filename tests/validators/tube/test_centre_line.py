@@ -273,9 +273,6 @@ def test_a_foreign_tube_is_measured_like_any_other() -> None:
 # Thickness of thousands of small polygons of many kinds against plain enumeration.
 
 
-EACH = 40
-
-
 def drawn(kind: str, seed: int) -> tuple[Polygons, list[bool]] | None:
     rng = np.random.default_rng([seed, *kind.encode()])
     polygons = place(KINDS[kind](rng), rng)
@@ -302,9 +299,10 @@ def agrees(polygons: Polygons, closed: list[bool]) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_as_enumerated(kind: str) -> None:
-    cases = [(seed, drawn(kind, seed)) for seed in range(EACH)]
-    assert sum(case is not None for _, case in cases) > EACH / 4
+@pytest.mark.parametrize("each", some([40, 150], 2))
+def test_as_enumerated(kind: str, each: int) -> None:
+    cases = [(seed, drawn(kind, seed)) for seed in range(each)]
+    assert sum(case is not None for _, case in cases) > each / 4
     assert [s for s, case in cases if case is not None and not agrees(*case)] == []
 
 
@@ -334,30 +332,35 @@ def longer(kind: str, seed: int) -> Polygons:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["smooth", "walk", "jagged", "lattice", "rods"])
 @pytest.mark.parametrize("blocks", [False, True])
-def test_longer_polygons(kind: str, blocks: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("seed", some(range(2), 2))
+def test_longer_polygons(
+    kind: str, blocks: bool, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The search goes through the tree of arcs to its leaves, and through blocks of edges paired at once."""
     monkeypatch.setattr(critical_chords, "TOP_ARCS", 4)
     monkeypatch.setattr(critical_chords, "BLOCK_LEVEL", 3)
     monkeypatch.setattr(critical_chords, "MANY_PAIRS", 0 if blocks else 10**9)
     monkeypatch.setattr(critical_chords, "PAIRS_AT_ONCE", 1000 if blocks else 150_000)
-    for seed in range(1):
-        polygons = longer(kind, seed)
-        expected = enumerate_chords(polygons, [True])
-        assert thickness(polygons).value == pytest.approx(expected.value, rel=1e-9, abs=1e-14)
-        chord = critical_chords.shortest_critical_chord(polygons, [True])
-        assert chord is not None
-        assert chord.length / 2 == pytest.approx(expected.half_dcsd, rel=1e-9, abs=1e-14)
-        assert np.linalg.norm(chord.points[1] - chord.points[0]) == pytest.approx(
-            chord.length, abs=1e-12
-        )
+    polygons = longer(kind, seed)
+    expected = enumerate_chords(polygons, [True])
+    assert thickness(polygons).value == pytest.approx(expected.value, rel=1e-9, abs=1e-14)
+    chord = critical_chords.shortest_critical_chord(polygons, [True])
+    assert chord is not None
+    assert chord.length / 2 == pytest.approx(expected.half_dcsd, rel=1e-9, abs=1e-14)
+    assert np.linalg.norm(chord.points[1] - chord.points[0]) == pytest.approx(
+        chord.length, abs=1e-12
+    )
 
 
 @pytest.mark.slow
-def test_the_tolerance_costs_no_more_than_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("each", some([12, 40], 2))
+def test_the_tolerance_costs_no_more_than_itself(
+    each: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A tolerance of 1e-3, a million times the real one, leaves nothing more than 1e-3 off."""
     monkeypatch.setattr(critical_chords, "ANGLE_TOLERANCE", 1e-3)
     for kind in KINDS:
-        for seed in range(12):
+        for seed in range(each):
             case = drawn(kind, seed)
             if case is None or not all(case[1]):
                 continue

@@ -12,7 +12,7 @@ from knotfab_validators.tube.tube_fit import check_tube, tube_fit
 
 RADIUS = 3.0
 POINTS, SIDES = 150, 24
-LENGTH = 20.0  # of a straight tube
+LENGTH = 20.0  # length of the straight tube
 TREFOIL = trefoil(POINTS)
 MESH = Mesh(*tube(TREFOIL, RADIUS, SIDES))
 
