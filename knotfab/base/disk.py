@@ -11,9 +11,10 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TextIO
 
 from knotfab.base.errors import why_of
+from knotfab_formats import disk
 from knotfab_formats.errors import InputError
 
 _fcntl: Any = (
@@ -207,25 +208,34 @@ def _remove_orphan(folder: Path) -> None:
             os.close(handle)
 
 
-# Writing one file whole or not at all.
+# Writing one file.
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file in full beside its place, then move it there, so that it is never half-written.
+    """Write a file whole or not at all, and through no link (`knotfab_formats.disk`).
 
     Raises:
         InputError: it cannot be written.
     """
     require_within(path, f"--out {path}")
-    beside = path.with_name(f".{path.name}.new")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        beside.write_bytes(content)
-        beside.replace(path)
+        disk.write_whole(path, content)
     except (OSError, ValueError) as error:
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(
             f"--out {path}", f"it cannot be written ({reason})", "Choose another place."
         ) from error
+
+
+def open_stream(path: str | Path, mode: Literal["w", "a"]) -> TextIO:
+    """Open a file that grows line by line, to be read meanwhile; a terminal or a pipe by a link too.
+
+    Raises:
+        OSError: it cannot be written, or it is a link to a file (ELOOP).
+        ValueError: the path holds a null character.
+    """
+    path = Path(path)
+    flags = os.O_WRONLY | os.O_CREAT | (os.O_TRUNC if mode == "w" else os.O_APPEND)
+    if not path.is_symlink() or path.is_file() or not path.exists():
+        flags |= getattr(os, "O_NOFOLLOW", 0)
+    return open(os.open(path, flags, 0o666), mode, encoding="utf-8")

@@ -16,7 +16,7 @@ from typing import IO, Annotated, Literal, TextIO
 from cyclopts import App, Parameter
 
 from knotfab.base.apps import VERSION, list_commands, module_of
-from knotfab.base.disk import at_home
+from knotfab.base.disk import at_home, open_stream
 from knotfab.base.errors import MachineError, needs_extra
 from knotfab.pipeline.options import OUTPUT, BuildOptions, Flag, Names, Place
 from knotfab_formats.errors import InputError
@@ -141,7 +141,7 @@ def open_events(name: str | None) -> Iterator[TextIO | None]:
         return
     with ExitStack() as stack:
         try:
-            file = stack.enter_context(open(name, "w", encoding="utf-8"))
+            file = stack.enter_context(open_stream(name, "w"))
         except (OSError, ValueError) as error:
             raise InputError(f"--events {name}", "it cannot be written", "Name a file.") from error
         yield file
@@ -223,7 +223,7 @@ def validate(
     json
         Print {"status", "conclusion", "size_mm", "notes", "checks", "views", "picture"} as JSON.
     failures
-        The PNG that shows where checks failed; by default NAME-failures.png beside the part.
+        The PNG to draw the part in, with the places marked where checks failed.
     skip
         Leave out these checks, such as shadow-render.
     unit

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import pickle
 import platform
 import shutil
@@ -25,6 +24,7 @@ from platformdirs import user_cache_path
 
 from knotfab.base.disk import own_folder
 from knotfab.picture.read import Target
+from knotfab_formats.disk import write_whole
 from knotfab_formats.scene import ResolvedScene
 
 
@@ -48,9 +48,7 @@ class KeptFrames:
         # the last three come from values that cannot be pickled
         with contextlib.suppress(OSError, pickle.PicklingError, TypeError, AttributeError):
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            staged = self._file(number).with_suffix(f".{os.getpid()}")
-            staged.write_bytes(pickle.dumps(value))
-            staged.replace(self._file(number))
+            write_whole(self._file(number), pickle.dumps(value))
 
     def discard(self) -> None:
         """Remove all kept frames of this sequence."""

@@ -325,7 +325,6 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
     part, scene = files.part, files.scene
     for path in (part, scene):
         require_within(path)
-    staged = out.with_name(f".{out.stem}-new.png")
     try:
         setting, mesh = read_scene(scene), read_mesh(part)
         named = [v for v in setting.views if view_name in (None, v.name)]
@@ -347,12 +346,7 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
         geometry = whole.resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            write_shadow(staged, seen, frame)
-            staged.replace(out)
-        finally:
-            staged.unlink(missing_ok=True)
+        write_shadow(out, seen, frame)
     except CannotRender as error:
         raise MachineError("rendering", error.reason, error.remedy) from error
     except ValueError as error:

@@ -255,8 +255,6 @@ def files_to_validate(
 ) -> Files:
     """Return the files of a call to `knotfab validate`; a folder stands for the files of its build.
 
-    Failures are drawn beside the measured file unless another place is given.
-
     Raises:
         InputError: nothing is given, or a file is missing.
     """
@@ -286,11 +284,7 @@ def files_to_validate(
     for path in (part, knots, scene, failures):
         if path is not None:
             require_within(path)
-    if failures is None:
-        measured = part or knots
-        if measured is not None and os.access(measured.parent, os.W_OK):
-            failures = measured.with_name(f"{measured.stem}-failures.png")
-    elif failures.suffix.lower() != ".png":
+    if failures is not None and failures.suffix.lower() != ".png":
         raise InputError(
             f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."
         )

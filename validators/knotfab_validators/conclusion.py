@@ -14,6 +14,7 @@ from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array
+from knotfab_validators.files.picture import write_image
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 
@@ -217,7 +218,7 @@ def draw_failures(
             y += LINE_PX
     size = " x ".join(f"{s:.4g}" for s in high - low)
     draw.text((GAP_PX, y + 4), f"size {size} mm", fill=QUIET, font=font)
-    sheet.save(path, optimize=True)
+    write_image(path, sheet)
     return True
 
 

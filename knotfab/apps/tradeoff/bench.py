@@ -25,7 +25,7 @@ from knotfab.apps.tradeoff.points import (
     merge_turns,
 )
 from knotfab.base import errors
-from knotfab.base.disk import temporary_folder
+from knotfab.base.disk import open_stream, temporary_folder
 from knotfab.base.errors import MachineError
 from knotfab.base.pool import ONE_THREAD, Crash, Workers
 from knotfab_formats.errors import InputError, KnotfabError
@@ -79,7 +79,7 @@ class Journal:
                     self.runs[told["key"]] = Run(**told["run"])
                 except (ValueError, TypeError, KeyError):
                     continue
-            self._file = path.open("a", encoding="utf-8")
+            self._file = open_stream(path, "a")
             if text and not text.endswith("\n"):
                 self._file.write("\n")
         except (OSError, UnicodeDecodeError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 from scipy import ndimage
 
+from knotfab_formats.disk import write_whole
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.files.colours import (
     common_colours,
@@ -323,3 +325,10 @@ def _mark_within(mask: Mask, reach: float) -> Mask:
     if not mask.any():
         return mask
     return np.asarray(ndimage.distance_transform_edt(~mask) <= reach)
+
+
+def write_image(path: Path, image: Image.Image) -> None:
+    """Write a PNG whole or not at all."""
+    content = io.BytesIO()
+    image.save(content, "PNG")
+    write_whole(path, content.getvalue())

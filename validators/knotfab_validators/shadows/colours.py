@@ -15,7 +15,7 @@ from PIL import Image
 from knotfab_formats.verdict import Check, Colours, Lamp, Masks, Misregistration
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_least, at_most, skip_check
-from knotfab_validators.files.picture import read_colours
+from knotfab_validators.files.picture import read_colours, write_image
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
 from knotfab_validators.shadows.lamp import Bytes, Light, colour_error, light_of, to_srgb
@@ -159,7 +159,7 @@ def write_colours(folder: Path, colours: MixedPicture) -> None:
 
     The latter has the masks, what is seen, and what is wrong side by side.
     """
-    Image.fromarray(colours.shown).save(folder / "colours.png")
+    write_image(folder / "colours.png", Image.fromarray(colours.shown))
     wrong = np.rint(0.35 * colours.shown + 0.65 * 255).astype(np.uint8)
     wrong[colours.wrong] = WRONG
     shown = [colours.picture, colours.wanted, colours.shown, wrong]
@@ -171,7 +171,7 @@ def write_colours(folder: Path, colours: MixedPicture) -> None:
     for number, panel in enumerate(panels):
         small = panel.resize((width, height), Image.Resampling.BOX)
         sheet.paste(small, (GAP_PX + number * (width + GAP_PX), GAP_PX))
-    sheet.save(folder / "compare-colours.png")
+    write_image(folder / "compare-colours.png", sheet)
 
 
 def _light_on_frame(lamps: Sequence[LampShadow], scene: Scene, frame: WorkingFrame) -> Light:

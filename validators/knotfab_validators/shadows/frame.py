@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab_validators.arrays import Mask
+from knotfab_validators.files.picture import write_image
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -108,7 +109,7 @@ def write_shadow(path: Path, shadow: Mask | NDArray[np.float32], frame: WorkingF
         shadow: (H, W), on the padded working frame; a soft one from 0 to 1.
     """
     grey = np.rint(255.0 * (1.0 - shadow[frame.window])).astype(np.uint8)
-    Image.fromarray(grey).save(path)
+    write_image(path, Image.fromarray(grey))
 
 
 def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -> None:
@@ -132,7 +133,7 @@ def write_compare(path: Path, target: Mask, shadow: Mask, frame: WorkingFrame) -
     for i, panel in enumerate(panels):
         small = Image.fromarray(panel).resize((width, height), Image.Resampling.BOX)
         sheet.paste(small, (GAP_PX + i * (width + GAP_PX), GAP_PX))
-    sheet.save(path)
+    write_image(path, sheet)
 
 
 def _crop_window(drawn: Mask, frame: WorkingFrame) -> tuple[slice, slice]:
