@@ -1,7 +1,6 @@
 """The kinds of numbers in a scene, with their bounds; a value beyond them must be a slip.
 
-Neither text nor a truth value passes for a number, but an integer does. docs/scene.schema.json shows the
-bounds.
+Neither text nor a truth value passes for a number, but an integer does. `knotfab schema` prints the bounds.
 """
 
 from __future__ import annotations

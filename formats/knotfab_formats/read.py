@@ -16,6 +16,7 @@ from knotfab_formats.errors import InputError, short
 from knotfab_formats.explain import tables_of
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings
+from knotfab_formats.struck import pass_keys
 from knotfab_formats.views import OF_WALL, View
 
 _MOST_DOTS = 200  # most dots in a key, and in a file's quoted keys
@@ -28,9 +29,9 @@ def scene_of(raw: Mapping[str, Any], what: str, model: type[AScene]) -> AScene:
     """Build the scene from a TOML file's content, as an instance of `model`.
 
     Raises:
-        InputError: an unknown key, a wrong type, unit or bound; or a wall that belongs to no earlier view.
+        InputError: an unknown or struck key, a wrong type, unit or bound; or a wall of no earlier view.
     """
-    scene = model.model_validate(raw, context=what)
+    scene = model.model_validate(pass_keys(raw, what), context=what)
     if not any(view.wall for view in scene.views):
         return scene
     views, first = _share_walls(scene.views, what), scene.views[0].name

@@ -12,7 +12,7 @@ from typing import Any
 
 from knotfab.base.errors import MachineError
 
-VERSION = "1.0.0"
+VERSION = "2.0.0"
 
 
 def list_commands() -> Iterator[Callable[..., int]]:

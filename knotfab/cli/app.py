@@ -93,9 +93,14 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
 
         began = time.perf_counter() - process_age()
     call_clock.began = began
-    _refuse_dashes(sys.argv[1:] if arguments is None else arguments)
-    _mend_named(sys.argv[1:] if arguments is None else arguments)
-    code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    from knotfab_formats.struck import pass_options, refuse_command
+
+    words = sys.argv[1:] if arguments is None else arguments
+    refuse_command(words)
+    words = pass_options(words)
+    _refuse_dashes(words)
+    _mend_named(words)
+    code = app(words, exit_on_error=False, print_error=False, result_action="return_value")
     return code if isinstance(code, int) else 0
 
 

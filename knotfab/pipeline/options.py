@@ -28,6 +28,7 @@ from knotfab_formats.bounds import option_of, sentences_of, values_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import About, Accuracy, Mount, Piece
 from knotfab_formats.search import SearchSettings
+from knotfab_formats.struck import pass_given
 from knotfab_formats.views import View
 
 Command = TypeVar("Command", bound=Callable[..., int])
@@ -241,7 +242,7 @@ def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> Build
 
     hints, values = get_type_hints(BuildOptions), dict[str, Any]()
     types = {name: hints[name] for name in known or hints}
-    for name, value in given.items():
+    for name, value in pass_given(given).items():
         key = "print_" if name == "print" else name
         if key not in types:
             close = get_close_matches(name, types, n=1)
