@@ -19,9 +19,12 @@ class Struck(NamedTuple):
     """Whether the option takes no value."""
 
 
-OPTIONS: dict[str, Struck] = {}
+_GREYS = (
+    "Draw the picture as dark strokes on white, and lay one tube along each with lines (--lines on)"
+)
+OPTIONS: dict[str, Struck] = {"--tone": Struck(_GREYS, nothing=("off",))}
 """Options of the command line by name; for callers of the library, without hyphens."""
-KEYS: dict[tuple[str, str], Struck] = {}
+KEYS: dict[tuple[str, str], Struck] = {("views", "tone"): Struck(_GREYS, nothing=("off",))}
 """Keys of scene.toml by table and name; the name "" stands for a whole table."""
 COMMANDS: dict[str, Struck] = {}
 

@@ -271,7 +271,6 @@ class View:
     iou_drawn: float | None = None
     bending: Bending | None = None
     verdict: Recognition | None = None
-    tone_error: float | None = None
     misplacement: Misplacement | None = None
     penumbra: Penumbra | None = None
     layers: Layers | None = None
@@ -401,6 +400,6 @@ PRINTER = (
 )  # left out of a piece that is not printed
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
-    *("half_light", "intrusion", "tone"),  # for a wide lamp, a mount, greys
+    *("half_light", "intrusion"),  # for a wide lamp, a mount
     *("colours", "lamp_colours"),  # several lamps on one screen
 )

@@ -159,9 +159,6 @@ class View(Reading):
     """true: the picture is mirrored left to right."""
     bend_points: tuple[StrictStr, ...] | None = None
     """Control points of a bent picture, 15 texts: see Bending."""
-    tone: Literal["off", "lines"] = option("off", "Picture --tone")
-    """lines: draw the picture's greys, with strands closer together where it is darker; off
-    (default): draw its silhouette."""
 
     @field_validator("light_leds")
     @classmethod
@@ -189,11 +186,6 @@ class View(Reading):
                 "15 rows of 11 pairs of whole numbers of up to four digits, as a build writes them",
             )
         return rows or None
-
-    @property
-    def lines_picture(self) -> str:
-        """The file beside the scene that holds what is drawn of greys (`tone`)."""
-        return f"picture-{self.name}-lines.png"
 
     @property
     def subject_picture(self) -> str:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from knotfab.design.candidates import line_width
 from knotfab.picture.opening import is_thin, thicken
-from knotfab.picture.raster import check_shape
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import count_dust, drop_specks
 from knotfab.picture.source import name_picture
@@ -212,8 +211,6 @@ def widen_targets(
     Raises:
         InputError: several pictures were asked to be drawn along their lines.
     """
-    if any(view.tone == "lines" for view in scene.views):
-        return _draw_tones(scene, targets, sequence)
     if not sequence and len(targets) > 1:  # widened strokes must not change the frames
         framed = framed_alike(scene, targets)
     else:
@@ -258,40 +255,6 @@ def widen_targets(
     each = views * len(targets) if sequence else views
     widened = tuple(widen(v, t) for v, t in zip(each, targets, strict=True))
     return framed.but(views=tuple(views)), widened
-
-
-def _draw_tones(
-    scene: ResolvedScene, targets: Sequence[Target], sequence: bool
-) -> tuple[ResolvedScene, tuple[Target, ...]]:
-    """Draw one picture's greys as a single line of the tube's width, which the knot then follows."""
-    from knotfab.start.tone import draw_tones, read_darkness
-
-    if sequence or len(targets) > 1:
-        raise InputError(
-            "--tone lines",
-            "it is for one picture: strands as far apart as its greys want are, from the side, as far apart "
-            "as no other picture wants",
-            "Leave it out, or build one picture",
-        )
-    if scene.material.process == "wire":
-        raise InputError(
-            "--tone lines",
-            "its line turns thousands of times, which no wire is bent to",
-            "Print it",
-        )
-    (view,), (target,) = scene.views, targets
-    width = view.thicken_mm or line_width(view, scene.thinnest_mm)
-    px = target.width / frame_view(view, target).frame_width_mm
-    gap = scene.piece.clearance_mm * view.magnification
-    mask, line = draw_tones(read_darkness(target, view.invert), width * px, gap * px)
-    check_shape(mask, f"picture {target.shown}, in lines of {width:g} mm,")
-    height, across = mask.shape
-    rule = f"its greys, by one line {width:g} mm wide, closer to itself where it is darker"
-    drawn = replace(
-        target, mask=mask, width=across, height=height, original=None, rule=rule, line=line
-    )
-    keys = {"thicken_mm": width, "lines": True}
-    return scene.but(views=(view.but(**keys),)), (drawn,)
 
 
 def _without_dust(view: View, target: Target, thinnest: float) -> Target:

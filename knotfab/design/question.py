@@ -229,8 +229,6 @@ def _strokes(view: ResolvedView, target: Target) -> tuple[Array, ...]:
         return ()
     width = view.thicken_mm * target.width / view.frame_width_mm
     to_plane = _plane_of(view, target)
-    if target.line is not None:
-        return (to_plane(np.concatenate([target.line, target.line[:1]])),)
     return tuple(to_plane(line) for line in trace_strokes(target.mask, width))
 
 

@@ -109,7 +109,7 @@ def advise(found: Survey, readings: Sequence[TriedReading]) -> Survey:
         shown = f"knotfab preview shows {with_noun(len(readings), 'reading')}"
         remedy = f"Read it otherwise ({better[0]}; {shown}). {remedy}"
     image = glimpse(seen.target.png_bytes, seen.target.name).image
-    if seen.view.tone == "off" and not seen.view.cut_out and is_photo(image):
+    if not seen.view.cut_out and is_photo(image):
         example = f", such as {cut[0]}, which a build would take" if cut else ""
         remedy = (
             "Cut one thing out of the photograph: --subject LEFT,TOP,WIDTH,HEIGHT, a rectangle about it "

@@ -75,7 +75,6 @@ def _flatten(view: ResolvedView, target: Target) -> Target:
         original=None if target.original is None else look_up(target.original),
         widened=None if target.widened is None else look_up(target.widened),
         drawing=target.mask,
-        line=None if target.line is None else _to_flat(view, wall, target, target.line),
         rule=f"{target.rule}; as the flat wall has it that touches the round one",
         flattened_s=time.perf_counter() - begun,
     )

@@ -144,9 +144,7 @@ def _write_scene(
             folder.write(scene.lamps.picture, target.colours_png)
         if target.subject_png:
             folder.write(view.subject_picture, target.subject_png)
-        if view.tone == "lines":
-            folder.write(view.lines_picture, target.drawing_png())
-        elif target.bending is not None:
+        if target.bending is not None:
             folder.write(view.drawn_picture, target.drawing_png())
     folder.write(f"scene{suffix}.toml", dump_scene(scene))
 

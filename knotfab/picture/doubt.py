@@ -108,7 +108,7 @@ def find_doubt(
     """
     plain = Reading()
     said = any(getattr(reading, key) != getattr(plain, key) for key in (*OPTIONS, "invert"))
-    if said or reading.cut_out or getattr(reading, "tone", "off") != "off":
+    if said or reading.cut_out:
         return None
     if crop is not None:  # a frame was left out
         mask = _uncrop(mask, crop, (image.height, image.width))

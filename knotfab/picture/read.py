@@ -57,8 +57,7 @@ class Target(InNotebook):
 
     `mask` (height, width) is True where the drawn shape is, row 0 at the top; `rule` says how it
     was read. A shadow is compared with `original`, if that differs, and scored by `widened`, the
-    original with widened strokes, if any were. `line` (n, 2), px, is the one closed line of a
-    drawing in greys.
+    original with widened strokes, if any were.
 
     `crop_px` is the part of the picture that was read (left, top, width, height). `png_bytes`, with `suffix`,
     is the file to copy beside scene.toml: the original of a pixel picture, the canonical PNG of SVG and text;
@@ -85,7 +84,6 @@ class Target(InNotebook):
     crop_px: Box | None = None
     original: NDArray[np.bool_] | None = None
     widened: NDArray[np.bool_] | None = None
-    line: NDArray[np.float64] | None = None
     drawing: NDArray[np.bool_] | None = None
     flattened_s: float | None = None
     shrunk: int = 1
@@ -308,7 +306,7 @@ def _take_target(
             image, kind = raster.decode(data, what)
     came, asked, subject = image, reading, None
     notes: tuple[str, ...] = ()
-    if reading.ink == "auto" and getattr(reading, "tone", "off") == "off" and not reading.cut_out:
+    if reading.ink == "auto" and not reading.cut_out:
         whole_one = not reading.crop_px
         if seen and image is seen.image:
             bare = bare_glimpse(seen, whole_one)

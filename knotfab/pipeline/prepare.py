@@ -195,7 +195,7 @@ def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[Tried
 
     scene, folder = read_scene(options)
     sources = _list_sources(pictures, scene, options.scene)
-    if len(sources) > 1 or options.sequence or scene.views[0].tone != "off":
+    if len(sources) > 1 or options.sequence:
         return ()
     if options.lamps is not None or scene.share_wall:
         return ()

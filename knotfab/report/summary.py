@@ -95,9 +95,6 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
         if view.subject_edges is not None:
             said += " to the cut-out, which draws "
             said += f"{view.subject_edges:.0%} of the edges of the photograph's subject"
-        if view.tone_error is not None:
-            said += " to the line that draws its greys, which from afar are "
-            said += f"{view.tone_error:.0%} off{_tell_even_grey(report)}"
         drawn = iou if view.iou_drawn is None else view.iou_drawn
         if view.bending is not None:
             said += f", {tell_share(drawn)} with it as bent"
@@ -117,12 +114,6 @@ def _tell_read(z: float) -> str:
     """Say whether a picture can be read from the side."""
     word = "is not read" if z < _GUESSED else "may be guessed" if z < _PLAIN else "is read"
     return f"its picture {word} (z {z:.1f})"
-
-
-def _tell_even_grey(report: Report) -> str:
-    """Say how far off an even grey would be; the check's limit is half of that."""
-    limits = [c.limit for c in report.checks if c.name == "tone" and isinstance(c.limit, float)]
-    return "".join(f" (one even grey: {2 * limit:.0%})" for limit in limits)
 
 
 def tell_colours(report: Report) -> list[str]:

@@ -70,16 +70,6 @@ def test_of_a_stand_the_frame_alone_is_quoted(capsys: pytest.CaptureFixture[str]
         assert f"  {quoted}\n" in capsys.readouterr().out
 
 
-def test_of_greys_the_line_and_what_it_draws_are_both_told(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    tone = {"name": "tone", "measured": 0.113, "limit": 0.151}
-    views = [{"iou": 0.876, "tone_error": 0.113, "legibility": {}}]
-    print_summary(outcome(None, views=views, checks=[tone]))
-    told = "87.6% alike to the line that draws its greys, which from afar are 11% off (one even grey: 30%)"
-    assert told in capsys.readouterr().out
-
-
 def test_a_check_that_is_not_required_never_fails(capsys: pytest.CaptureFixture[str]) -> None:
     print_checks([check_of("closing", "fail", required=False), check_of("shadow", "fail")])
     said = {line.split()[1]: line.split()[0] for line in capsys.readouterr().out.splitlines()[1:3]}

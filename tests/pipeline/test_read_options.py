@@ -34,7 +34,6 @@ KEYS = {
     "keep_largest": (2, "keep_largest", 2),
     "specks": (9, "speck_px", 9),
     "smooth": (1.5, "smooth_px", 1.5),
-    "tone": ("lines", "tone", "lines"),
     "thicken": ("3mm", "thicken_mm", 3.0),
     "width": (240.0, "frame_width_mm", 240.0),
     "height": (90, "frame_height_mm", 90),

@@ -207,7 +207,6 @@ OF_SHADOWS = [
     "recognisable",
     "half_light",
     "intrusion",
-    "tone",
     "colours",
     "lamp_colours",
 ]

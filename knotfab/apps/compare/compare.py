@@ -166,10 +166,7 @@ def open_view(
             "its wall is round, and a photograph is straightened as one of a flat wall",
             "Compare a view whose wall is flat (--view NAME)",
         )
-    if view.tone == "lines":
-        target = read_target(view.lines_picture, base=folder)
-    else:
-        target = read_target(view.picture, view, base=folder)
+    target = read_target(view.picture, view, base=folder)
     longer = max(target.width, target.height)
     width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))
     pad = _margin_px(scene, view, width)

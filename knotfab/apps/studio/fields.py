@@ -140,14 +140,13 @@ FIELDS: dict[str, _Field] = {
     "keep_largest": _Field("Largest pieces", hint="Give a whole number from 1, such as 3."),
     "thicken": _Field("Thin strokes", partial(_read_length, least=0.1, most=100.0, words=("auto",))),
     "lines": _Field("Lines", hint=_MENU),
-    "tone": _Field("Shading", hint=_MENU),
     "lamps": _Field("Lamps", _choice("rgb", "warm+cold", "switch")),
     "font": _Field("Font", partial(_choose, known=cache(list_families))),
 }  # fmt: skip
 # fields that belong to a picture; another one starts without them
 READING = (
     "ink", "invert", "threshold", "crop", "subject", "keep", "drop", "specks", "smooth", "keep_largest",
-    "thicken", "lines", "tone",
+    "thicken", "lines",
 )  # fmt: skip
 DEFAULTS: dict[str, Value] = {"print": True, "mount": "auto", "accuracy": "standard"}
 _OTHER_WORDS = {"sequence": "Sequence", "size": "the longer side", "force": "", "out": ""}

@@ -20,7 +20,7 @@ from knotfab_validators.shadows.colours import (
     measure_colours,
     write_colours,
 )
-from knotfab_validators.shadows.compare import check_tone, overlap
+from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import write_compare, write_shadow
 from knotfab_validators.shadows.lamp import check_half_light
 from knotfab_validators.shadows.outlines import WRONG_PX
@@ -118,10 +118,9 @@ def _check(
     no_rendering: str | None,
     skip: Collection[str],
 ) -> list[Check]:
-    """Check shapes, soft shadows, greys and mixed colours, and whether a person would know the pictures."""
+    """Check shapes, soft shadows and mixed colours, and whether a person would know the pictures."""
     scene = part.scene
-    in_greys = any(view.tone == "lines" for view in scene.views)  # no IoU is required of such views
-    floor = None if in_greys else scene.iou_floor
+    floor = scene.iou_floor
     checks = shadow_checks(
         {one.view.name: one.found for one in seen},
         part.mesh.vertices,
@@ -131,7 +130,7 @@ def _check(
         polygons_decide=SKIP_RENDER in skip,
         mount=scene.mount.kind,
         bars=scene.piece.supports == "none",
-        changed={view.name: _say_prepared(view) for view in scene.views if not in_greys},
+        changed={view.name: _say_prepared(view) for view in scene.views},
     )
     half_lit: dict[str, float] = {}  # IoU of the picture with the half-light shadow, by view
     for one in seen:
@@ -142,9 +141,6 @@ def _check(
         checks.append(check_half_light(half_lit, floor))
     accepted = "unrecognisable" in scene.accuracy.accept
     known = check_recognisable(worst_verdict(views), accepted=accepted)
-    if in_greys:
-        checks.append(check_tone({one.view.name: one.tone for one in seen if one.tone is not None}))
-        known = skip_check(known.name, "drawn in greys: tone_error says how well")
     coloured = [] if colours is None else check_colours(colours, scene.iou_floor)
     return [*checks, *coloured, known]
 

@@ -18,14 +18,7 @@ from knotfab_validators.files.colours import Bent, bend_of, bend_silhouette
 from knotfab_validators.files.picture import read_greys, read_silhouette, widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.shadows.compare import (
-    Tone,
-    depth_ratio,
-    edges_drawn,
-    measure_tone,
-    overlap,
-    receive,
-)
+from knotfab_validators.shadows.compare import depth_ratio, edges_drawn, overlap, receive
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.lamp import SoftShadow, averages_lamp, lamp_size, measure_penumbra
@@ -82,8 +75,8 @@ class SeenView:
     """What a view requires, and what is seen there.
 
     `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`. `drawn` (H, W) is what the
-    part draws of it, widened and `bent`; None if that is the same. If the centre lines are known, a picture
-    in greys has a `tone`, any other one a `verdict`. `soft` is the shadow of a lamp whose width shows.
+    part draws of it, widened and `bent`; None if that is the same. `verdict` is None if the
+    centre lines are unknown. `soft` is the shadow of a lamp whose width shows.
     `subject_edges` is the share of a photograph's subject that its cut-out draws (`edges_drawn`).
     """
 
@@ -94,7 +87,6 @@ class SeenView:
     drawn: Mask | None
     bent: Bent | None
     found: VerifiedView
-    tone: Tone | None = None
     verdict: Recognition | None = None
     soft: SoftShadow | None = None
     subject_edges: float | None = None
@@ -112,8 +104,6 @@ class SeenView:
     @property
     def iou_drawn(self) -> float | None:
         """IoU with the picture as drawn; None if that is the picture itself."""
-        if self.tone is not None:
-            return self.found.judged.iou
         if self.drawn is None or (self.bent is None and self.found.tube_px is None):
             return None
         return overlap(self.found.seen, self.found.drawn).iou
@@ -133,7 +123,7 @@ def pose_part(
 def see_view(
     part: PosedPart, view: View, renderer: SilhouetteRenderer | None, before: Sequence[SeenView]
 ) -> SeenView:
-    """Compare the part's shadow with a view's picture, judge its tone or its shape, and soften it.
+    """Compare the part's shadow with a view's picture, judge it, and soften it.
 
     Without a renderer of the part in the scene, its exact polygons stand in for the rendering. Pictures of
     lamps on one wall have the size of those that were seen `before`.
@@ -141,19 +131,17 @@ def see_view(
     Raises:
         ValueError: a picture cannot be read, or the part reaches the light.
     """
-    scene, folder, toned = part.scene, part.folder, view.tone == "lines"
+    scene, folder = part.scene, part.folder
     with time_stage(part.seconds, f"view {view.name}"):
-        # a picture in greys is drawn as lines, in a picture of their own
-        file = f"picture-{view.name}-lines.png" if toned else view.picture
-        target = read_silhouette(folder / file, None if toned else view)
+        target = read_silhouette(folder / view.picture, view)
         if before and scene.share_wall and target.shape != before[0].target.shape:
             raise ValueError(f"{view.picture}: pictures of lamps on one wall have one size")
         flat = view_geometry(view, target.shape[1], target.shape[0])
         geometry, wall = receive(flat, scene.effects, scene.settings.tolerance_px)
         drawn, bent, bend = None, None, bend_of(view)
-        if view.thicken_mm and not toned:
+        if view.thicken_mm:
             drawn = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
-        if bend is not None and not toned:
+        if bend is not None:
             bent = bend_silhouette(target if drawn is None else drawn, bend)
             drawn = bent.mask
         found = verify_view(
@@ -173,28 +161,17 @@ def see_view(
             bars=scene.piece.supports == "none",
         )
     edges = None
-    if view.subject_mask and not (toned or view.invert):
+    if view.subject_mask and not view.invert:
         edges = edges_drawn(read_greys(folder / view.picture, view), target)
     seen = SeenView(view, geometry, wall, target, drawn, bent, found, subject_edges=edges)
-    seen = replace(seen, tone=_measure_tone(part, seen), verdict=_recognise(part, seen))
+    seen = replace(seen, verdict=_recognise(part, seen))
     return replace(seen, soft=_soften(part, seen))
 
 
-def _measure_tone(part: PosedPart, seen: SeenView) -> Tone | None:
-    """Measure the greys of a view that is drawn in greys; None for any other."""
-    view, found, curves = seen.view, seen.found, part.curves
-    if view.tone != "lines" or found.tube_px is None or curves is None or curves.radius_mm is None:
-        return None
-    with time_stage(part.seconds, "tone"):
-        darkness = read_greys(part.folder / view.picture, view)
-        clearance = part.scene.piece.clearance_mm / curves.radius_mm
-        return measure_tone(found.seen, darkness, found.frame, found.tube_px, clearance)
-
-
 def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
-    """Judge whether a person would know the picture in the shadow; None for a picture in greys."""
+    """Judge whether a person would know the picture in the shadow; None where no centre lines are known."""
     found = seen.found
-    if seen.view.tone == "lines" or found.tube_px is None:
+    if found.tube_px is None:
         return None
     with time_stage(part.seconds, "verdict"):
         drawn = seen.iou_drawn
@@ -277,7 +254,6 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
         bending=None if seen.bent is None else seen.bent.figures,
         verdict=seen.verdict,
         subject_edges=seen.subject_edges,
-        tone_error=None if seen.tone is None else seen.tone.error,
         misplacement=_misplace(part, seen),
         penumbra=None if seen.soft is None else seen.soft.found,
         layers=_measure_layers(part, seen),

@@ -15,7 +15,6 @@ const LISTS = {
     ["subject", "text", { placeholder: "all that is drawn", button: ["subject-open", "Cut out …"], hint: "One thing of a photograph, whatever its background." }],
     ["thicken", "menu", { "": "as they are", auto: "widened to what prints" }],
     ["lines", "menu", { "": "along their middle where they are thin", on: "along their middle", off: "filled" }],
-    ["tone", "menu", { "": "none: the silhouette", lines: "one line, closer where it is darker" }],
   ],
   "scene-fields": [
     ["width", "range", { min: 60, max: 400, step: 5, usual: 180, unit: "mm" }],
