@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from knotfab.base.disk import read_text
 from knotfab.geometry.polylines import Polylines, polylines_of
+from knotfab_formats.disk import write_whole
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import KnotsFile, why_no_knots
 
@@ -78,7 +79,7 @@ class Knots:
 
     def write(self, path: Path, **more: Any) -> None:
         """Write knots.json, with further keys: members of the mount, bars and feet."""
-        path.write_text(self.to_file(**more).dumps())
+        write_whole(path, self.to_file(**more).dumps().encode())
 
     def dump_start(self) -> str:
         """Return the text of a start file, at full precision, from which a search can go on."""
