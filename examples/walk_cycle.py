@@ -1,8 +1,8 @@
 """A walk cycle, drawn and built: twelve frames of a figure that walks, one arm swings, the other waves.
 
 `python -m examples.walk_cycle --out DIR` draws the frames into DIR/frames, builds them as a sequence into
-DIR/parts, prints how the limbs swing and what each part came to, and draws DIR/walk.gif and
-DIR/zoetrope.png. `--draw` stops at the frames.
+DIR/parts, prints how the limbs swing and what each part came to, and draws
+DIR/walk.gif. `--draw` stops at the frames.
 """
 
 from __future__ import annotations
@@ -145,11 +145,10 @@ def main(*, out: Path = Path("walk-cycle"), draw: bool = False) -> int:
         f"{watch.children_s:.0f} of the verification"
     )
     if code == 0:
-        from examples.walk_film import walk_film, zoetrope_picture
+        from examples.walk_film import walk_film
         from knotfab.render.part_picture import write_gif
 
         write_gif(out / "walk.gif", walk_film(out / "parts"), 100)
-        zoetrope_picture(out / "parts" / "zoetrope.stl", out / "zoetrope.png")
     reached = min(view["iou"] for view in report["views"]) >= IOU and min(swung.values()) >= 0.1
     return int(code != 0 or not reached)
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot
-from typing import Any
 
 from knotfab_formats.verdict import Status
 
@@ -234,18 +233,6 @@ class Turning:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ZoetropeFigures:
-    """All frames on one ring."""
-
-    scale: float
-    tube_radius_mm: float
-    diameter_mm: float
-    height_mm: float
-    gap_mm: float
-    posts: tuple[Any, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Print:
     """The printed piece: its size, its mount, its pose, its cost."""
 
@@ -275,7 +262,6 @@ class Print:
     bars: BarFigures | None = None
     feet: FeetFigures | None = None
     parts: int | None = None
-    zoetrope: ZoetropeFigures | None = None
 
 
 @dataclass(frozen=True)

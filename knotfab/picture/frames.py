@@ -1,21 +1,18 @@
-"""Reading a sequence: numbered files of a folder, the frames of an animation, or pictures one by one."""
+"""Reading a sequence: numbered files of a folder, or pictures one by one."""
 
 from __future__ import annotations
 
 import re
-import tempfile
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageSequence
 
 from knotfab.base.disk import at_home, require_within
 from knotfab.base.limited import run_limited
 from knotfab.picture.raster import own_box
-from knotfab.picture.read import PLAIN, Target, read_image, read_target
+from knotfab.picture.read import PLAIN, Target, read_target
 from knotfab.picture.source import PICTURE_SUFFIXES, is_picture, name_picture
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Reading
@@ -30,7 +27,7 @@ def frame_name(number: int) -> str:
 
 
 def name_sequence(source: str) -> str:
-    """Name a sequence after its folder, its animation, or its first picture."""
+    """Name a sequence after its folder or its first picture."""
     path = Path(source)
     return name_picture(str(path.parent.absolute()) if "*" in path.name else source)
 
@@ -46,8 +43,7 @@ def read_frames(
 
     Args:
         sources: a folder (its pictures in the order of the numbers in their names), a pattern such
-            as "walk/frame-*.png" (the same), an animation (GIF, PNG or WebP), or several pictures in
-            the order given.
+            as "walk/frame-*.png" (the same), or several pictures in the order given.
         reading: how each becomes a silhouette.
         base: folder that relative paths start from.
         font: font of pictures that are `text:…`.
@@ -81,10 +77,11 @@ def _read_frames(
         require_within(path, what)
         if path.is_dir() or "*" in path.name:
             files = sorted(_list_files(path, what), key=_by_number)
-            _count(what, len(files))
-            found = [read_target(p, reading) for p in files]
         else:
-            found = _of_animation(path, what, reading)
+            files = [path]
+            read_target(path, reading)  # a file that is no picture is told as such
+        _count(what, len(files))
+        found = [read_target(p, reading) for p in files]
     else:
         _count(what, len(sources))
         found = [read_target(s, reading, base=base, font=font) for s in sources]
@@ -140,7 +137,9 @@ def _list_files(path: Path, what: str) -> list[Path]:
     """Return the pictures of a folder, or the files that match a pattern."""
     try:
         if path.is_dir():
-            frames = PICTURE_SUFFIXES - {".gif"}  # a GIF is itself a sequence
+            frames = PICTURE_SUFFIXES - {
+                ".gif"
+            }  # a GIF beside frames is the animation that they make
             return [p for p in path.iterdir() if is_picture(p, frames)]
         return [p for p in path.parent.glob(path.name) if p.is_file() and p.name[0] != "."]
     except OSError as error:
@@ -159,38 +158,9 @@ def _count(what: str, count: int) -> None:
         raise InputError(
             what,
             "it holds no sequence: " + ("one picture" if count else "no picture"),
-            "Name a folder of numbered pictures, an animation, or several pictures.",
+            "Name a folder of numbered pictures, or several pictures; of an animation, save the frames so.",
         )
     if count > MOST_FRAMES:
         raise InputError(
             what, f"it has {count} frames, more than {MOST_FRAMES}", "Leave out every other one."
         )
-
-
-def _of_animation(path: Path, what: str, reading: Reading) -> list[Target]:
-    """Return the frames of an animation, each as a PNG."""
-    read_image(path)  # raises the right error for a file that is not a picture
-    found: list[Target] = []
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow warns of odd metadata
-        try:
-            with Image.open(path) as image:
-                _count(what, getattr(image, "n_frames", 1))
-                files = []
-                for number, frame in enumerate(ImageSequence.Iterator(image), start=1):
-                    files.append(Path(folder) / f"{number}.png")
-                    frame.convert("RGBA").save(files[-1], compress_level=1)
-        except InputError:
-            raise
-        except Exception as error:  # Pillow's plug-ins raise many kinds on damaged frames
-            raise InputError(
-                what,
-                "its frames cannot be read (damaged, or no picture that moves)",
-                "Export the animation again, as GIF or as numbered PNG files.",
-            ) from error
-        for number, file in enumerate(files, start=1):
-            try:
-                found.append(read_target(file, reading))
-            except InputError as error:
-                raise InputError(f"{what}, frame {number}", error.why, error.remedy) from error
-    return found

@@ -332,7 +332,7 @@ def _take_target(
             raise
         return _first_drawn(whole, what, name, asked, glance, frames, size, folder)
     if frames > 1:
-        rule = f"the first of its {frames} frames (--sequence takes them all): {rule}"
+        rule = f"the first of its {frames} frames: {rule}"
     original = None
     if reading.smooth_px:
         original, mask = mask, smooth(mask, reading.smooth_px / shrunk)

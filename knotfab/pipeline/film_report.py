@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from knotfab.design.film import SequenceFrame
 from knotfab.knots import count_in_words
 from knotfab.limits.feasibility import LEAST
 from knotfab.part.slicer_process import sum_slicings
-from knotfab.part.zoetrope import Zoetrope
 from knotfab.pipeline.piece import WrittenPiece
-from knotfab.pipeline.verifier import Answer
 from knotfab.report.effects import limits_as_effects
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
 from knotfab.report.supports import sum_supports
 from knotfab.request import Request
-from knotfab_formats.piece import Printer
-from knotfab_formats.print_figures import MountFigures, Print, ZoetropeFigures
+from knotfab_formats.print_figures import MountFigures, Print
 from knotfab_formats.report import (
     Certificate,
     EffectLine,
@@ -29,7 +26,6 @@ from knotfab_formats.report import (
     SequenceFigures,
 )
 from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
-from knotfab_validators.check import at_least, at_most
 from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 Line = TypeVar("Line", EffectLine, LimitLine)
@@ -71,56 +67,12 @@ def check_closing(motion: Motion) -> Check:
     return Check("closing", status, False, largest, limit, "mm", detail)
 
 
-@dataclass(frozen=True)
-class Ring:
-    """The zoetrope as written, or why there is none, and the pending verdict on its file."""
-
-    spun: Zoetrope | None
-    why: str
-    answer: Answer | None
-
-
-def check_ring(ring: Ring, printer: Printer) -> list[Check]:
-    """Check that zoetrope.stl is sound (`zoetrope_mesh`), and that its tubes can be printed (`zoetrope`).
-
-    The second is not required: the bed forces the frames' size, and there are the single parts too.
-    """
-    if ring.spun is None or ring.answer is None:
-        return [Check("zoetrope", "fail", False, None, None, "mm", ring.why)]
-    spun, least = ring.spun, printer.min_tube_radius_mm
-    found = ring.answer.result().checks
-    wrong = list_unmet(found)
-    handles = next((c.measured for c in found if c.name == "mesh_genus"), None)
-    mesh = at_most(
-        "zoetrope_mesh",
-        len(wrong),
-        0,
-        "checks",
-        "; ".join(f"{c.name}: {c.detail}" for c in wrong)
-        or f"zoetrope.stl is one closed surface that does not cross itself, with {handles} handles",
-    )
-    detail = (
-        f"tube radius of the frames at {100 * spun.scale:.1f} % on a ring of {spun.diameter_mm:.1f} mm "
-        f"across, {spun.height_mm:.1f} mm high"
-    )
-    if spun.tube_radius_mm < least:
-        detail += "; thicker with fewer frames, less depth, a larger printer, or resin"
-    if spun.gap_mm < printer.nozzle_mm:
-        detail += (
-            f"; gaps between strands may be as small as {spun.gap_mm:.2f} mm and close in the print: the "
-            "knots are true in the single parts"
-        )
-    tubes = at_least("zoetrope", spun.tube_radius_mm, least, "mm", detail, required=False)
-    return [mesh, tubes]
-
-
 def sequence_report(
     reports: Sequence[Report],
     pieces: Sequence[WrittenPiece],
     frames: Sequence[SequenceFrame],
     motions: Sequence[Motion],
     checks: Sequence[Check],
-    spun: Zoetrope | None,
     request: Request,
     resumed: int,
 ) -> Report:
@@ -136,12 +88,11 @@ def sequence_report(
     together = (*_merge_checks(all_checks), *checks)
     slicings = {name: one for piece in pieces for name, one in piece.sliced.items()}
     sliced = sum_slicings(slicings) if slicings else None
-    print_, settings = _sum_prints(reports, spun), reports[0].settings
+    print_, settings = _sum_prints(reports), reports[0].settings
     limits = _merge_limits(reports)
     knotted = count_in_words(len(pieces[0].made.knots.knots))
     notes = [
-        f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl); the "
-        "picture that moves is sequence.gif.",
+        f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl).",
         *advise(views, pieces[0].made.knots.radius_mm),
         *_shared_notes(reports),
     ]
@@ -210,7 +161,7 @@ def _list_views(
     return tuple(views)
 
 
-def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
+def _sum_prints(reports: Sequence[Report]) -> Print:
     first, prints = reports[0].print, [r.print for r in reports]
     sums: dict[str, Any] = {
         key: sum(getattr(one, key) for one in prints)
@@ -219,14 +170,10 @@ def _sum_prints(reports: Sequence[Report], spun: Zoetrope | None) -> Print:
     }
     if sums.get("filament_g"):
         sums["support_share"] = sums["support_g"] / sums["filament_g"]
-    ring = None
-    if spun is not None:
-        told = {key: value for key, value in vars(spun).items() if key != "mesh"}
-        ring = ZoetropeFigures(**told)
     drawings = tuple(name for one in prints for name in one.drawings or ())
     alone: dict[str, Any] = dict.fromkeys(_OF_FRAME)
     alone["supports"] = sum_supports([one.supports for one in prints])
-    return replace(first, **alone, **sums, parts=len(prints), drawings=drawings, zoetrope=ring)
+    return replace(first, **alone, **sums, parts=len(prints), drawings=drawings)
 
 
 def advise(views: Sequence[FrameView], radius: float) -> list[str]:

@@ -183,8 +183,8 @@ class BuildOptions(PictureOptions):
     """All options of `knotfab build`; None leaves a value to the scene."""
 
     sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """The pictures are frames of one motion: a folder of numbered pictures, an animation (GIF), or
-    the pictures in their order. Each frame becomes a part; with --print there is a zoetrope as well."""
+    """The pictures are frames of one motion: a folder of numbered pictures, or the pictures
+    in their order. Each frame becomes a part."""
     no_loop: Annotated[Flag, Parameter(group=_PICTURE)] = False
     """With --sequence: the last frame need not lead back to the first."""
 

@@ -231,20 +231,3 @@ def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[in
     palette[0].save(
         path, format="GIF", save_all=True, append_images=palette[1:], duration=frame_ms, loop=0
     )
-
-
-def write_shadows_gif(path: Path, shadows: Sequence[Path], cyclic: bool) -> None:
-    """Write the verified shadows as a GIF, forwards and back unless the sequence is `cyclic`.
-
-    Raises:
-        ValueError: no shadow.
-    """
-    images = []
-    for shadow in shadows:
-        with Image.open(shadow) as image:
-            grey = image.convert("L")
-        grey.thumbnail((_LONGER_PX, _LONGER_PX), Image.Resampling.BOX)
-        images.append(grey)
-    if not cyclic:
-        images += images[-2:0:-1]
-    write_gif(path, images, max(40, round(1200 / max(1, len(images)))))  # 1.2 s a round, in ms

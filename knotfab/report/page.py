@@ -62,7 +62,7 @@ def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
 @dataclass(frozen=True)
 class Picture:
     """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow", "photograph" with the view
-    named `view`, "part" with the pictures of the part, "turn" before these, "moving" at the top."""
+    named `view`, "part" with the pictures of the part, "turn" before these."""
 
     path: Path
     role: str

@@ -39,10 +39,6 @@ def find_pictures(folder: Path) -> list[Picture]:
     for path in sorted(folder.glob("failures*.png")):
         name = path.stem.replace("failures-", "part-").replace("failures", "the part")
         found.append(Picture(path, "part", f"where {name} fails its checks"))
-    for path in folder.glob("sequence.gif"):
-        found.append(
-            Picture(path, "moving", "the verified shadows of all frames, one after the other")
-        )
     colours = folder / "compare-colours.png"
     if colours.is_file():
         caption = "the picture, the colours that the lamps can mix of it, what is seen, and where it is wrong"

@@ -17,7 +17,6 @@ from pieces import knots, ring
 from PIL import Image
 from reports import report_with
 
-from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import as_manifold, as_mesh, mesh_volume, sweep
 from knotfab.hold.mount import Mounted
@@ -25,7 +24,6 @@ from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import Part, _choose_poses, enlarge_knots, shrink_of
 from knotfab.part.plates import clean_body
 from knotfab.part.write import make_pose, pose_scene, write_model, write_part, write_unbuilt
-from knotfab.part.zoetrope import build_zoetrope, find_footholds
 from knotfab.picture.read import Target
 from knotfab.report.posing import report_posing
 from knotfab.scene.camera import camera_of
@@ -103,103 +101,6 @@ def test_the_printer_must_hold_what_is_printed_plates_too() -> None:
     laid = first[0] @ motion[:3, :3].T + motion[:3, 3]
     there = np.concatenate([vertices for vertices, _ in parted.bodies])
     assert max(np.linalg.norm(there - at, axis=1).min() for at in laid[::9]) < 1e-3
-
-
-# The zoetrope: one body, its frames at even angles, as large as the printer holds.
-
-
-ROOM = (2000.0, 2000.0, 1000.0)
-
-
-def _frame(lift: float = 0.0, radius: float = 2.0) -> Knots:
-    t = np.linspace(0, 2 * np.pi, 90, endpoint=False)
-    points = np.stack([40 * np.cos(t), 30 * np.sin(t) + lift, 6 * np.sin(2 * t)], axis=1)
-    return Knots((Knot(points),), radius)
-
-
-def _halves(vertices: np.ndarray) -> np.ndarray:
-    """Count how many vertices above the ring lie in each of the quarters."""
-    middle = 0.5 * (vertices[:, :2].min(0) + vertices[:, :2].max(0))
-    x, y = (vertices[vertices[:, 2] > 5.0, :2] - middle).T
-    return np.bincount(((np.arctan2(y, x) / (np.pi / 2) + 0.5) % 4).astype(int), minlength=4)
-
-
-def test_four_frames_stand_in_four_quarters() -> None:
-    spun = build_zoetrope([_frame()] * 4, ROOM)
-    vertices, faces = spun.mesh
-    assert spun.scale == 1.0
-    assert vertices.min() >= -1e-6
-    assert mesh_volume(vertices, faces) > 4 * np.pi * 4 * 200
-    counts = _halves(vertices)
-    assert counts.min() > 0.95 * counts.max()
-
-
-def test_a_frame_that_leaps_still_stands_on_the_ring() -> None:
-    spun = build_zoetrope([_frame(), _frame(lift=25.0), _frame()], ROOM)
-    assert min(spun.posts) >= 1
-    assert spun.height_mm > 30 + 30 + 25
-
-
-def test_it_is_scaled_to_the_printer() -> None:
-    room = (120.0, 100.0, 200.0)
-    spun = build_zoetrope([_frame()] * 6, room)
-    size = np.ptp(spun.mesh[0], axis=0)
-    assert spun.scale < 1
-    assert (size <= np.array(room) + 1e-3).all()
-    assert size[:2].max() > 0.99 * 100.0
-    assert spun.tube_radius_mm == pytest.approx(2.0 * spun.scale)
-    low = build_zoetrope([_frame()] * 6, (2000.0, 2000.0, 20.0))
-    assert low.height_mm <= 20.0 + 1e-6
-
-
-def test_neighbouring_frames_do_not_touch() -> None:
-    from manifold3d import Manifold, Mesh64
-
-    spun = build_zoetrope([_frame()] * 12, ROOM)
-    solid = Manifold(Mesh64(spun.mesh[0].copy(), spun.mesh[1].astype(np.uint64)))
-    # without the ring and the posts' feet the frames are bodies of their own
-    above = solid.trim_by_plane((0.0, 0.0, 1.0), 2.4 / spun.scale + 1.0)
-    assert len(above.decompose()) == 12
-
-
-def test_footholds_are_the_lowest_dips_and_apart() -> None:
-    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    points = np.stack([50 * np.cos(t), 20 * np.sin(t) - 3 * np.cos(8 * t), 0 * t], axis=1)
-    chosen = find_footholds(points, 100.0, 40.0)
-    assert chosen[0] == int(points[:, 1].argmin())
-    assert 1 < len(chosen) <= 4
-    gaps = np.linalg.norm(points[chosen][:, None] - points[chosen][None], axis=2)
-    assert gaps[~np.eye(len(chosen), dtype=bool)].min() >= 0.2 * 100.0
-
-
-def test_the_ring_spins_on_the_spindle_of_a_record_player() -> None:
-    from manifold3d import Manifold, Mesh64
-
-    spun = build_zoetrope([_frame()] * 12, (210.0, 210.0, 200.0))
-    solid = Manifold(Mesh64(spun.mesh[0].copy(), spun.mesh[1].astype(np.uint64)))
-    base = solid.slice(1.2)
-    # there are four openings between the spokes, and the hole of a spindle 7.2 mm thick
-    assert base.num_contour() == 1 + 4 + 1
-    middle = 0.5 * (spun.mesh[0][:, :2].min(0) + spun.mesh[0][:, :2].max(0))
-    rings = [np.array(ring) - middle for ring in base.to_polygons()]
-    hole = min(rings, key=lambda ring: float(np.ptp(ring, axis=0).max()))
-    assert np.hypot(*hole.T) == pytest.approx(3.7, abs=0.05)
-
-
-def test_a_tube_that_would_fold_with_fewer_rings_keeps_them_all() -> None:
-    """A regular polygon of 60 corners bends to 10.19 mm; of every fifth, to 9.85 mm."""
-    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    circle = Knots((Knot(10.2 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)),), 9.9)
-    tight = build_zoetrope([circle] * 3, ROOM)
-    slim = build_zoetrope([Knots(circle.knots, 9.0)] * 3, ROOM)
-    assert len(slim.mesh[1]) < 0.5 * len(tight.mesh[1])
-
-
-def test_loose_knots_do_not_stand_on_a_ring() -> None:
-    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    circle = Knot(20.0 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
-    with pytest.raises(SceneError, match="2 loose knots"):
-        build_zoetrope([Knots((circle, Knot(circle.points + [0.0, 60.0, 0.0])), 2.0)] * 3, ROOM)
 
 
 PICTURED = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")

@@ -160,7 +160,7 @@ def test_gif_gives_its_first_frame(tmp_path: Path) -> None:
     path = save(tmp_path / "film.gif", GREY, save_all=True, append_images=[second])
     found = read_target(path)
     assert (found.mask == SHAPE).all()
-    assert found.rule.startswith("the first of its 2 frames (--sequence takes them all)")
+    assert found.rule.startswith("the first of its 2 frames: ")
 
 
 def test_few_of_many_blank_frames_are_tried(

@@ -105,14 +105,11 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
         assert {f"shadow-frame-{number}.png", f"compare-frame-{number}.png"} <= names
         assert {f"shadow-frame-{number}.svg", f"part-{number}.step"} <= names
         assert {f"centre-lines-{number}.{kind}" for kind in ("svg", "dxf", "step")} <= names
-    assert {"sequence.gif", "zoetrope.stl", "zoetrope.3mf", "report.json", "report.html"} <= names
-    with Image.open(outcome.folder / "sequence.gif") as image:
-        assert getattr(image, "n_frames", 1) == 2
+    assert {"report.json", "report.html"} <= names
     page = (outcome.folder / "report.html").read_text(encoding="utf-8")
     linked = re.findall(r'href="([^"#]+)"', page)
-    assert {"part-01.3mf", "part-02.3mf", "setup-02.pdf", "zoetrope.3mf"} <= set(linked) <= names
-    assert "<b>part.3mf</b>" not in page and page.count("data:image/gif") == 1
-    assert page.index("data:image/gif") < page.index("<table>") < page.index("Make it")
+    assert {"part-01.3mf", "part-02.3mf", "setup-02.pdf"} <= set(linked) <= names
+    assert "<b>part.3mf</b>" not in page
     figures = outcome.report["print"]
     if "time_s" in figures:  # where a slicer is installed
         each = [view["time_s"] for view in outcome.report["views"]]
@@ -120,7 +117,7 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
 
 
 @pytest.mark.build
-def test_each_frame_hangs_and_the_zoetrope_has_no_mount(outcome: Outcome) -> None:
+def test_each_frame_hangs(outcome: Outcome) -> None:
     report = outcome.report
     mounts = [view["mount"] for view in report["views"]]
     assert [m["kind"] for m in mounts] == ["wall", "wall"] and min(m["pegs"] for m in mounts) >= 1
@@ -135,8 +132,6 @@ def test_each_frame_hangs_and_the_zoetrope_has_no_mount(outcome: Outcome) -> Non
         assert solid.is_watertight and ((solid.extents > FRAME_MM).sum() >= 2) == plate
         assert (outcome.folder / f"setup-{number}.pdf").is_file()
     assert set(report["print"]["drawings"]) >= {"setup-01.svg", "setup-02.pdf"}
-    ring = trimesh.load_mesh(outcome.folder / "zoetrope.stl")
-    assert ring.is_watertight and checks["zoetrope_mesh"]["status"] == "pass"
     # the scene that repeats it asks for the mount, and leaves each frame its own pegs
     whole = tomllib.loads((outcome.folder / "scene.toml").read_text())
     assert whole["mount"]["kind"] == "wall" and not whole["mount"].get("pegs")

@@ -234,7 +234,7 @@ def list_tasks(
         InputError: no picture is given, two would have the same name, or a folder holds none.
     """
     sources = list(pictures)
-    if not options.sequence:  # where each is a folder of frames, or an animation
+    if not options.sequence:  # where each is a folder of frames
         sources = [source for named in pictures for source in _expand_folder(named, leave_out)]
     if not sources:
         raise InputError(

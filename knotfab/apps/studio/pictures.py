@@ -19,7 +19,6 @@ from knotfab.base.disk import write_whole
 from knotfab.base.limited import run_limited
 from knotfab.picture import raster, text
 from knotfab.picture.raster import encode_image
-from knotfab.picture.read import MOVING
 from knotfab.picture.source import SECONDS, TEXT_PREFIX, name_picture
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
@@ -43,8 +42,7 @@ class TooLargeError(InputError):
 class StudioPicture(BaseModel):
     """A picture in the tray, kept as `file` in the folder of pictures.
 
-    `text` is the content of a typed text. `width` and `height` are px, upright; `frames` is above 1 for an
-    animation.
+    `text` is the content of a typed text. `width` and `height` are px, upright.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -55,7 +53,6 @@ class StudioPicture(BaseModel):
     text: str | None = None
     width: int
     height: int
-    frames: int = 1
 
     def source(self, folder: Path) -> str:
         """Return the picture as an argument of the command line."""
@@ -77,7 +74,6 @@ def _keep_picture(data: bytes, what: str, folder: Path) -> StudioPicture:
         raise InputError(what, "the file is empty", "Copy or export it again.")
     if len(data) > LARGEST_BYTES:
         raise too_large(what)
-    frames = 1
     if looks_like_svg(data):
         image, _ = raster.decode(render_svg(data, what)[0], what)
         suffix = ".svg"
@@ -86,17 +82,11 @@ def _keep_picture(data: bytes, what: str, folder: Path) -> StudioPicture:
             _check_pixels(data, what)
         image, kind = raster.decode(data, what)  # says what it is not
         suffix = raster.SUFFIXES[kind][0]
-        frames = raster.count_frames(data) if kind in MOVING else 1
     path = _save_picture(data, name_picture(what), suffix, folder)
     title = Path(what).stem
     _keep_thumbnail(image, path)
     return StudioPicture(
-        name=path.stem,
-        title=title,
-        file=path.name,
-        width=image.width,
-        height=image.height,
-        frames=frames,
+        name=path.stem, title=title, file=path.name, width=image.width, height=image.height
     )
 
 

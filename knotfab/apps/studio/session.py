@@ -183,7 +183,7 @@ class Studio(Broadcast):
             InputError: it is not a photograph, or no subject can be cut out.
         """
         picture = self.pictures.get(name)
-        if picture is None or picture.text is not None or picture.frames > 1:
+        if picture is None or picture.text is not None:
             raise InputError("the subject", "this is no photograph", "Choose one.")
         tried = Settings({"subject": "1,1,1,1"})
         tried.change({"subject": subject, "keep": keep, "drop": drop})

@@ -120,7 +120,7 @@ def _first_corner_least(faces: Ints) -> Ints:
 
 
 PART = re.compile(r"part(-\d+)?")
-OWN = re.compile(r"part(-\d+)?|zoetrope")  # names that a build gives to its STL and 3MF
+OWN = re.compile(r"part(-\d+)?")  # names that a build gives to its STL and 3MF
 
 
 def is_own(part: Path) -> bool:

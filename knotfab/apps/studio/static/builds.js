@@ -50,7 +50,7 @@ export function showResult(built, title, anew = false) {
   byId("verdict").textContent = built.where.endsWith("/rejected") ? "A required check failed" : capital(built.verdict ?? "built");
   const told = built.readable ? [brief({ ...built, verdict: null }), ...built.reasons] : ["Its report.json cannot be read; its files are below"];
   byId("figures").textContent = told.filter(Boolean).join(". ");
-  const main = ["part.3mf", "zoetrope.3mf"].find((name) => built.files.includes(name));
+  const main = built.files.find((name) => name === "part.3mf");
   byId("download").hidden = !main;
   byId("download").textContent = `Download ${main}`;
   byId("download").href = `${here}/${main}`;
@@ -58,7 +58,7 @@ export function showResult(built, title, anew = false) {
   byId("files").replaceChildren(...links.slice(0, SHOWN));
   byId("more-files").replaceChildren(...links.slice(SHOWN));
   byId("more-files").parentElement.hidden = links.length <= SHOWN;
-  const moving = ["sequence.gif", "turn.gif"].find((name) => built.files.includes(name));
+  const moving = built.files.find((name) => name === "turn.gif");
   byId("moving").hidden = !moving;
   if (moving) byId("moving").src = `${here}/${moving}`;
   byId("report").hidden = !built.files.includes("report.html");

@@ -19,11 +19,10 @@ export function showPictures(state) {
   byId("pictures").replaceChildren(...order.map((name) => thumbnail(pictures.find((p) => p.name === name), state)));
 }
 
-function hint({ chosen, kind, pictures }) {
-  const moving = pictures.find((p) => p.name === chosen[0] && p.frames > 1);
-  if (kind === "one") return moving ? `It moves: choose Sequence for a part for each of its ${moving.frames} frames.` : "";
+function hint({ kind }) {
+  if (kind === "one") return "";
   if (kind === "views") return "One part, up to four pictures: each is its shadow from another side. Add pictures, or press those of the tray.";
-  return moving ? `A part for each of its ${moving.frames} frames, and a zoetrope.` : "A part for each frame, and a zoetrope. Add an animation (GIF), or the pictures in their order.";
+  return "A part for each frame. Add the pictures in their order.";
 }
 
 function thumbnail({ name, title }, { chosen, kind }) {
