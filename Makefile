@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo lines test tests all-tests test-quick wheel-test docs gallery lint accuracy-table outside-suites feature-table mount-table supports-table effects-table traced-colours several-table lamps-table bending-table tied-knots paper-table paper-ablations validator-table verdict-table mutations frontier budgets worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
+.PHONY: demo lines test tests all-tests test-quick wheel-test docs gallery lint outside-suites feature-table effects-table traced-colours bending-table paper-table paper-ablations validator-table verdict-table mutations frontier worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -98,9 +98,12 @@ wheel-test: system
 	cd "$$place"; venv/bin/knotfab build text:A --print --mount wall --accuracy draft --out built; \
 	venv/bin/knotfab validate built; ls built
 
-# IoU, legibility, depth, violations, seconds and memory on the project's own pictures (about 6 min)
-accuracy-table: system $(DONE)
-	$(BIN)/python -m benchmarks.accuracy_table
+# pictures by settings, built and printed: the project's own with default settings (about 10 min), the same with the slicer's
+# supports (30 min), on every holder, at every accuracy, in every time budget, sets of several pictures (15 min), colours by
+# three lamps (10 min), twelve knots tied into one picture (5 min); what was built already is not built again
+TABLES := accuracy supports mounts accuracies budgets several lamps knots
+$(TABLES:%=%-table): system slicer $(DONE)
+	$(BIN)/python -m benchmarks.build_table $(@:%-table=%) --out out/$(@:%-table=%)
 
 # other projects' files below a folder (DIR=...): 3MF conformance suites, knots, pictures; a few seconds each
 outside-suites: system $(DONE)
@@ -115,23 +118,6 @@ feature-table: system slicer $(DONE)
 bending-table: $(DONE)
 	$(BIN)/python -m benchmarks.bending_table --out out/bending
 
-# named and drawn sets of two to four pictures in one part (about 15 min; an interrupted run goes on where it was)
-several-table: system $(DONE)
-	$(BIN)/python -m benchmarks.several_table --out out/several
-
-# six pictures in colours by three lamps: right colours, masks, time (about 10 min; goes on where it was)
-lamps-table: system $(DONE)
-	$(BIN)/python -m benchmarks.coloured_lamps --out out/lamps
-
-# which holder the same pictures get, at which accuracy, and what it costs them (about an hour)
-mount-table: system $(DONE)
-	$(BIN)/python -m benchmarks.mount_table
-
-# the same pictures without supports and with the slicer's: grams, hours, likeness, checks (about 30 min on a free
-# machine; an interrupted run goes on where it was)
-supports-table: system slicer $(DONE)
-	$(BIN)/python -m benchmarks.supports_table --out out/supports
-
 # magnitudes of effects against brute force, soft shadows against Mitsuba 3 where it finds an LLVM (apt-get
 # install libllvm19, DRJIT_LIBLLVM_PATH)
 effects-table: system $(DONE)
@@ -140,10 +126,6 @@ effects-table: system $(DONE)
 # a build under several lamps, DIR, against paths that Mitsuba 3 traces through the same scene (about 1 min)
 traced-colours: $(DONE)
 	$(BIN)/python -m benchmarks.traced_colours $(DIR)
-
-# ten and more knots of the table tied into one picture, each verified as its type (about 5 min)
-tied-knots: system $(DONE)
-	$(BIN)/python -m benchmarks.tied_knots
 
 # everything that compares with the paper, under paper-table/; what is done is not run again (about an hour)
 paper-table: system $(DONE)
@@ -185,11 +167,6 @@ frontier: $(DONE)
 PICTURES ?= 40
 batch-throughput: system $(DONE)
 	$(BIN)/python -m benchmarks.batch_throughput --pictures $(PICTURES) $(OPTIONS)
-
-# whether a time budget is kept, and what it buys: six pictures, five budgets, five runs each (about 30 min on a
-# quiet machine; an interrupted run goes on where it was)
-budgets: system $(DONE)
-	$(BIN)/python -m benchmarks.budgets --kept out/budgets.json --figure docs/budgets.png
 
 # renderers, losses, terms, network, certificates and bounds of effects searched for worse cases (an hour)
 worst-cases: $(DONE)

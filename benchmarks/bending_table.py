@@ -1,7 +1,7 @@
 """How well several pictures agree as they come, moved, and bent: the worst of the hull's bounds, seconds.
 
 `python -m benchmarks.bending_table [--bend SHARE ...] [--out DIR] [SET ...]`: of the sets of
-`benchmarks.several_table` (or those named), with no search. For each: the bounds, rms and most by which its
+`benchmarks.build_table` (or those named), with no search. For each: the bounds, rms and most by which its
 pictures are bent, the largest stretch, CPU seconds; then the means by how many pictures there are. DIR gets a
 picture of each set: pictures as they came, as bent, and what all leave of them.
 """
@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.build_table import NAMED, draw_sets
 from benchmarks.measurement import make_folder, run_study, save_pictures
-from benchmarks.several_table import NAMED, draw_sets
 from examples.pictures import pictures
 from knotfab.design.agree import agree
 from knotfab.design.frames import spread_views
@@ -60,13 +60,13 @@ def main(*sets: str, bend: tuple[str, ...] = ("auto",), out: Path | None = None)
     folder = make_folder(out, "bending")
     files = save_pictures(pictures(), folder)
     drawn = [one for many, some in draw_sets().items() if many > 1 for one in some]
-    plain = [name for name in NAMED if "-by-" not in name]
+    plain = [name for name in NAMED if "@" not in name]
     for word in bend:
         share = {"auto": None, "off": 0.0}[word] if word in ("auto", "off") else float(word)
         every: dict[int, list[Figures]] = {}
         print(f"--bend {word}: bound, moved, bent, rms, most, stretch, s", flush=True)
         for name in sets or [*plain, *drawn]:
-            targets = [read_target(files[one]) for one in name.split("-")]
+            targets = [read_target(files[one]) for one in name.split("+")]
             found, shown = measure(targets, share)
             every.setdefault(len(targets), []).append(found)
             for target, png in zip(targets, shown, strict=True):

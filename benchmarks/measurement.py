@@ -154,40 +154,6 @@ def build_apart(
     return Built(code, wall_s, watch.children_s, peak, report, said)
 
 
-def build_once(
-    picture: Path | str, out: Path, *options: str, printing: bool = False
-) -> dict[str, Any]:
-    """Build into `out`, where that is not done yet: code, seconds, what was said.
-
-    And the report, and the folder in which the files are.
-
-    Args:
-        printing: with --print, and sliced.
-    """
-    kept = out.with_name(f"{out.name}.json")
-    if not kept.is_file():
-        unsliced = () if printing else ("--skip", "slicer")
-        built = build_apart(picture, out, *options, *unsliced, printing=printing)
-        said = " ".join(built.said.split())[:300]
-        kept.write_text(json.dumps({"code": built.code, "cpu_s": built.cpu_s, "said": said}))
-    found = json.loads(kept.read_text())
-    there = out if found["code"] == 0 else out / "rejected"
-    return {**found, "report": read_report(there), "folder": there}
-
-
-def build_warm(picture: Path | str, out: Path, **options: Any) -> Built:
-    """Return `knotfab.build` in this process; of memory, what is held when it ends."""
-    import knotfab
-
-    watch = Stopwatch()
-    try:
-        outcome = knotfab.build(picture, out, **options)
-    except knotfab.KnotfabError as error:
-        return Built(error.exit_code, watch.wall_s, watch.cpu_s, 0.0, None, str(error))
-    held = _resident_mb("self")
-    return Built(outcome.exit_code, watch.wall_s, watch.cpu_s, held, outcome.report, "")
-
-
 def _stop(child: subprocess.Popen[str]) -> None:
     """End a build, which tidies up when it is asked to and is given 10 s for it."""
     child.terminate()

@@ -15,6 +15,8 @@ from typing import Literal
 
 from benchmarks.measurement import Stopwatch, run_study
 
+OUT = ("--out", "{out}")
+
 
 @dataclass(frozen=True)
 class Section:
@@ -23,14 +25,18 @@ class Section:
     title: str
     module: str
     minutes: float
-    arguments: tuple[str, ...] = ("--out", "{out}")
+    arguments: tuple[str, ...] = OUT
 
 
 SECTIONS: dict[str, Section] = {
     "kind": Section("pictures of the paper's kind beside its published IoU", "paper.kind", 4),
     "searches": Section("inn, flow and both: IoU against seconds", "paper.search_compare", 6),
-    "knots": Section("knots of the table tied into one picture", "benchmarks.tied_knots", 5),
-    "views": Section("two and three views of one part", "benchmarks.several_table", 15),
+    "knots": Section(
+        "knots of the table tied into one picture", "benchmarks.build_table", 5, ("knots", *OUT)
+    ),
+    "views": Section(
+        "two and three views of one part", "benchmarks.build_table", 15, ("several", *OUT)
+    ),
     "viviani": Section("Viviani's curve from three sides", "paper.viviani", 3),
     "walk": Section("a sequence of twelve frames", "examples.walk_cycle", 3),
     "film": Section("the film of a search", "examples.search_film", 1, ("text:♞", "{out}.gif")),

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from PIL import Image
 
+from benchmarks.build_table import draw_sheet
 from benchmarks.measurement import Stopwatch, run_study
-from benchmarks.several_table import draw_case
 from knotfab.base.arrays import Array
 from knotfab.pipeline.build import build
 from knotfab.render.capsules import tensor_frame
@@ -92,7 +92,7 @@ def main(
     print(f"mean IoU {np.mean(ious):.4f}, thickness {checks.get('thickness')}", end=", ")
     print(f"{watch.wall_s:.0f} s ({watch.cpu_s:.0f} CPU s)")
     if picture:
-        draw_case(outcome.folder, [v["name"] for v in outcome.report["views"]], picture)
+        draw_sheet({"viviani": outcome.folder}, picture, wide=760)
 
 
 if __name__ == "__main__":

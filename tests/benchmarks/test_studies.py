@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,14 +18,27 @@ from PIL import Image
 from reports import report_with
 from validator_parts import circle, tube
 
-from benchmarks import measurement, several_table
+from benchmarks import build_table
+from benchmarks.build_table import (
+    COLUMNS,
+    PROCESS,
+    SMALL,
+    TABLES,
+    Row,
+    build_row,
+    count_lost,
+    draw_sets,
+    read_row,
+    summarize,
+)
 from benchmarks.features import CELLS, ROWS, Cell, build_cell
 from benchmarks.measurement import Built
 from benchmarks.outside_suites import expected, list_files, run_all, table
-from benchmarks.several_table import NAMED, SMALL, build_set, count_lost, draw_sets
 from benchmarks.small_pictures import small_pictures
 from benchmarks.traced_colours import light_and_mix, measure_rms, trace_colours, use_mitsuba
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
+from examples.lamps.draw import PICTURES as COLOURED
+from examples.pictures import pictures
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.cli import commands as command_line
@@ -126,17 +138,17 @@ def test_the_innermost_name_decides() -> None:
     assert expected(Path("suite/cube.3mf")) == ""
 
 
-# The sets of several pictures that a seed draws, and the scene by eye.
+# Pictures by settings: sets of several that a seed draws, rows that are built once, ratios.
 
 
 @pytest.mark.slow
 def test_no_set_is_drawn_twice_and_all_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(several_table, "pictures", cache(several_table.pictures))
+    monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
     drawn = draw_sets()
     assert {many: len(sets) for many, sets in drawn.items()} == {2: 12, 3: 8, 4: 2, 1: 5}
     for many, sets in drawn.items():
-        assert all(len(set(name.split("-"))) == many for name in sets)
-        assert len({frozenset(name.split("-")) for name in sets}) == len(sets)
+        assert all(len(set(name.split("+"))) == many for name in sets)
+        assert len({frozenset(name.split("+")) for name in sets}) == len(sets)
     assert draw_sets() == drawn
 
 
@@ -150,12 +162,11 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
         calls.append((first, *options))
         return Built(2, 1.0, 2.0, 3.0, None, "refused")
 
-    monkeypatch.setattr(measurement, "build_apart", build)
-    monkeypatch.setattr(several_table, "pictures", cache(several_table.pictures))
-    name = next(n for n in NAMED if n.endswith("by-eye"))
+    monkeypatch.setattr(build_table, "build_apart", build)
     for _ in range(2):
-        built = build_set(name, tmp_path)
-        assert built["said"] == "refused" and built["code"] == 2 and built["report"] is None
+        row, folder = build_row("heart+teapot@eye", "a b", ("--print",), tmp_path)
+        assert row["said"] == "refused" and row["code"] == 2 and row["cpu_s"] == 2.0
+        assert folder.name == "rejected"
     ((first, second, *options),) = calls
     assert (Path(first).name, Path(second).name) == ("heart.png", "teapot.png")
     with Image.open(first) as picture:
@@ -163,7 +174,31 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
     scene = load_scene(Path(options[options.index("--scene") + 1]))
     assert [view.kind for view in scene.views] == ["eye", "eye"]
     assert [view.azimuth_deg for view in scene.views] == [0.0, 90.0]
-    assert json.loads((tmp_path / f"{name}.json").read_text())["cpu_s"] == 2.0
+    assert options[-1] == "--print"
+
+
+def test_rows_leave_out_what_a_report_lacks_and_settings_are_compared_with_the_first() -> None:
+    row: Row = {"code": 0, "cpu_s": 3.0}
+    assert read_row(("code", "grams", "word"), row, None) == {"code": 0}
+    report = {"print": {"time_s": 7200.0}, "verdict": {"word": "good"}}
+    found = read_row(("cpu_s", "hours", "colours", "word"), row, report)
+    assert found == {"cpu_s": 3.0, "hours": 2.0, "word": "good"}
+    rows: dict[str, dict[str, Row]] = {
+        "first": {"a": {"hours": 2.0}, "b": {"hours": 4.0}},
+        "other": {"a": {"hours": 1.0}, "b": {"hours": 4.0}, "c": {"hours": 9.0}},
+    }
+    first, other, ratio = summarize(rows)
+    assert first.startswith("first, 2 built: hours 3 (median 3, 2 to 4)")
+    assert other.startswith("other, 3 built: hours 4.667")
+    assert ratio.endswith("hours 0.750 (at most 1.000)")
+
+
+def test_every_picture_of_every_table_can_be_drawn() -> None:
+    known = set(pictures()) | set(small_pictures()) | set(COLOURED)
+    for one in TABLES.values():
+        for name in one.names():
+            assert set(name.removesuffix("@eye").split("+")) <= known
+        assert set(one.columns) <= {*COLUMNS, *PROCESS} and one.settings
 
 
 def test_only_pieces_and_holes_that_the_tube_could_draw_count_as_lost() -> None:
@@ -171,7 +206,7 @@ def test_only_pieces_and_holes_that_the_tube_could_draw_count_as_lost() -> None:
     lost = [{"what": what, "size_mm": size, "needed_mm": 2.0} for what, size in losses]
     assert count_lost({"verdict": {"lost": lost}}) == 2
     drawn = small_pictures()
-    assert all(drawn.keys() & set(pair.split("-")) for pair in SMALL)
+    assert all(drawn.keys() & set(pair.split("+")) for pair in SMALL)
     assert all(len(np.unique(np.asarray(picture) > 127)) == 2 for picture in drawn.values())
 
 
