@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: demo lines test tests all-tests test-quick wheel-test docs gallery lint outside-suites feature-table effects-table traced-colours bending-table paper-table paper-ablations validator-table verdict-table mutations frontier worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
+.PHONY: accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table demo lines test tests all-tests test-quick wheel-test docs gallery lint outside-suites feature-table effects-table traced-colours bending-table paper-table paper-ablations validator-table verdict-table mutations frontier worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -101,8 +101,7 @@ wheel-test: system
 # pictures by settings, built and printed: the project's own with default settings (about 10 min), the same with the slicer's
 # supports (30 min), on every holder, at every accuracy, in every time budget, sets of several pictures (15 min), colours by
 # three lamps (10 min), twelve knots tied into one picture (5 min); what was built already is not built again
-TABLES := accuracy supports mounts accuracies budgets several lamps knots
-$(TABLES:%=%-table): system slicer $(DONE)
+accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table: system slicer $(DONE)
 	$(BIN)/python -m benchmarks.build_table $(@:%-table=%) --out out/$(@:%-table=%)
 
 # other projects' files below a folder (DIR=...): 3MF conformance suites, knots, pictures; a few seconds each
