@@ -212,14 +212,6 @@ ROWS: tuple[Row, ...] = (
         (("print", True), ("mount", "none"), ("skip", ("slicer", "shadow-render", *PRINTING))),
     ),
     Row(
-        "wire plan",
-        "wire.md",
-        lambda f: len(f.files("bends*.csv")) >= f.pieces,
-        # thicker than any in the shop: the disc takes a quarter of the length, and of the time
-        "[material]\nname = 'aluminium-wire-2mm'\nwire_diameter_mm = 4.0\nmin_bend_radius_mm = 4.0\n",
-        passes=False,
-    ),
-    Row(
         "repairs alone",
         _ONE,
         lambda f: (

@@ -18,7 +18,6 @@ from knotfab_formats.scene import ResolvedScene
 
 # usual seconds after a search: always, of a printed piece, of a mounted one, and per vertex
 _AFTER_S, _AFTER_PRINTED_S, _AFTER_MOUNT_S, _AFTER_VERTEX_S = 1.2, 3.0, 8.0, 0.55e-3
-_WIRE_SHARE = 0.6  # share of a time budget for planning a wire's bends
 _FIRST_SHARE = 0.5  # share of a time budget for a build that may have to be repeated another way
 
 
@@ -53,8 +52,8 @@ class Request:
     @property
     def chooses_holder(self) -> bool:
         """Whether the build chooses what holds the piece; for a sequence it never does."""
-        mount, process = self.scene.mount, self.scene.material.process
-        left_open = mount.kind == "auto" and not mount.asked and process != "wire"
+        mount = self.scene.mount
+        left_open = mount.kind == "auto" and not mount.asked
         return self.printing and left_open and not self.sequence
 
     def is_mounted(self, knots: int) -> bool:
@@ -69,8 +68,6 @@ class Request:
         after = _AFTER_S
         if self.printing:
             after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * mounted
-        if self.scene.material.process == "wire":
-            after += _WIRE_SHARE * self.time_budget_s
         began = time.perf_counter() - spent_s
         left = self.time_budget_s * (1.0 if self.otherwise is None else _FIRST_SHARE)
         return Budget(began + left, after, _AFTER_VERTEX_S * len(self.scene.views), began)

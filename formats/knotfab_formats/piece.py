@@ -98,9 +98,6 @@ class Piece(Table):
     mirror: Literal["auto", "off"] = option("off", "Piece --mirror")
     """auto: mirror pictures, but no text, where that makes them agree and the scene fixes their
     views; off (default)."""
-    bender: Annotated[str, Strict(), Field(min_length=1)] = option("lra", "Print --bender")
-    """What bends a wire: lra (default, a table of length, rotation, angle), grbl, or a template's
-    file."""
     knot: StrictStr = option("unknot", "Piece --knot")
     """The knot type to tie: unknot (default), trefoil, "left trefoil", figure-eight, any of the
     table up to 8 crossings (5_2, 8_19), or a sum (3_1#4_1)."""
@@ -140,7 +137,7 @@ class Material(Table):
 
     name: StrictStr = "pla"
     """The name of a data file with the other figures; keys given here override them."""
-    process: Literal["filament", "resin", "powder", "wire"] = "filament"
+    process: Literal["filament", "resin", "powder"] = "filament"
     """How the tube is made of it."""
     density_g_cm3: Density = 1.24
     """Density of the material."""
@@ -149,18 +146,6 @@ class Material(Table):
     clearance."""
     max_length_mm: TubeLength = 50000.0
     """The greatest length of all centre lines together."""
-    wire_diameter_mm: Spread = 0.0
-    """Diameter of a wire, which fixes the tube's radius; 0: not a wire."""
-    tool_radius_mm: Spread = 0.0
-    """Radius of the pin about which the wire is bent; the centre line of a bend has this plus half
-    the diameter."""
-    min_straight_mm: Spread = 0.0
-    """The least straight wire that the bender needs between two bends."""
-    max_bend_deg: Annotated[float, Strict(), Field(gt=0, le=175)] = 175.0
-    """The largest angle of a single bend."""
-    springback_percent: Annotated[float, Strict(), Field(ge=0, lt=100)] = 0.0
-    """The share of a bend that springs back: for 90° in the end, bend to 90 / (1 - springback /
-    100)."""
     young_modulus_mpa: Modulus = 2300.0
     """Young's modulus, its stiffness."""
     yield_mpa: Modulus = 50.0

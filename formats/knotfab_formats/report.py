@@ -67,44 +67,6 @@ class KnotFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BentWire:
-    """One knot's bending plan as its file gives it, bent again by calculation."""
-
-    file: str
-    length_mm: float
-    bends: int
-    deviation_mm: float
-    deviation_mean_mm: float
-    deviation_across_mm: float
-    closing_error_mm: float
-    shortest_straight_mm: float
-    largest_bend_deg: float
-    joint_straight_mm: float
-    joint_hidden: bool
-    end_moves_mm_per_deg: float
-    end_moves_mm_for_1_deg_everywhere: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class BendingPlan:
-    """The result of bending the files' rows."""
-
-    status: str
-    files: tuple[str, ...]
-    length_mm: float
-    mass_g: float
-    bends: int
-    iou: float
-    iou_of_views: Mapping[str, float]
-    least_distance_mm: float
-    tolerance_mm: float
-    pages: Mapping[str, int]
-    frame_width_mm: float
-    enough_frame_width_mm: float | None
-    knots: tuple[BentWire, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Price:
     """One limit that binds (or several together), and the IoU with it and without it.
 
@@ -236,7 +198,6 @@ class FrameView(View):
     filament_g: float | None = None
     support_g: float | None = None
     notes: tuple[str, ...]
-    bending_plan: BendingPlan | None = None
     failed: tuple[str, ...]
 
 
@@ -264,6 +225,5 @@ class Report:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] | None = None
     binding: tuple[Price, ...] | None = None
-    bending_plan: BendingPlan | None = None
     slicer: SlicerFigures | None = None
     next_step: NextStep | None = None

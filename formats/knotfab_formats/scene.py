@@ -106,7 +106,7 @@ class Scene(Table):
         if self.mount.kind != "auto" or self.mount.on_feet:
             return self.mount.kind == "wall" or self.mount.on_feet
         one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
-        return knots > 1 and one_flat and self.material.process != "wire"
+        return knots > 1 and one_flat
 
 
 class ResolvedPrinter(Printer):

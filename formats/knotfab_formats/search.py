@@ -77,8 +77,6 @@ class SearchSettings(Table):
     (docs/effects.md)."""
     grace: float = Field(0.02, ge=0, le=10)
     """Weight of bending energy and length in the objective: how smooth and straight strands run."""
-    grace_of: Literal["curves", "bends"] = "curves"
-    """What grace minimises: curves, the bending of a tube; bends, the number of bends in a wire."""
     mesh_sides: int = Field(20, ge=8, le=360)
     """The least number of facets around the tube; with 18, a corner stands out by 1 % of the
     radius, as much as the check of clearance allows for."""
@@ -165,7 +163,7 @@ PRESETS: dict[str, SearchSettings] = {
 
 
 # keys that no preset sets: they survive a change of accuracy
-OF_NO_PRESET = ("seed", "start", "method", "grace", "grace_of", "network_start") + tuple(
+OF_NO_PRESET = ("seed", "start", "method", "grace", "network_start") + tuple(
     name for name in SearchSettings.model_fields if name.startswith("free_")
 )
 

@@ -22,10 +22,28 @@ class Struck(NamedTuple):
 _GREYS = (
     "Draw the picture as dark strokes on white, and lay one tube along each with lines (--lines on)"
 )
-OPTIONS: dict[str, Struck] = {"--tone": Struck(_GREYS, nothing=("off",))}
+_WIRE = "Print the piece, or take centre lines for bending from knots.json"
+_NO_WIRE = {"wire_diameter_mm": 0.0, "tool_radius_mm": 0.0, "min_straight_mm": 0.0}
+_NO_WIRE |= {"max_bend_deg": 175.0, "springback_percent": 0.0}
+OPTIONS: dict[str, Struck] = {
+    "--tone": Struck(_GREYS, nothing=("off",)),
+    "--bender": Struck(_WIRE, nothing=("lra",)),
+}
 """Options of the command line by name; for callers of the library, without hyphens."""
-KEYS: dict[tuple[str, str], Struck] = {("views", "tone"): Struck(_GREYS, nothing=("off",))}
+KEYS: dict[tuple[str, str], Struck] = {
+    ("views", "tone"): Struck(_GREYS, nothing=("off",)),
+    ("piece", "bender"): Struck(_WIRE, nothing=("lra",)),
+    **{("material", key): Struck(_WIRE, nothing=(value,)) for key, value in _NO_WIRE.items()},
+    ("search", "grace_of"): Struck("Leave it out", nothing=("curves",)),
+}
 """Keys of scene.toml by table and name; the name "" stands for a whole table."""
+VALUES: dict[tuple[str, str], dict[str, Struck]] = {
+    ("material", "process"): {"wire": Struck(_WIRE)},
+    ("material", "name"): {
+        name: Struck(_WIRE) for name in ("steel-wire-2mm", "aluminium-wire-2mm")
+    },
+}
+"""Values of keys that are still there, by table and name."""
 COMMANDS: dict[str, Struck] = {}
 
 
@@ -77,7 +95,7 @@ def pass_keys(raw: Mapping[str, Any], what: str) -> dict[str, Any]:
     """Return the content of a scene.toml without old keys that asked for nothing.
 
     Raises:
-        InputError: an old key asks for something.
+        InputError: an old key or value asks for something.
     """
     found = dict(raw)
     for (table, key), gone in KEYS.items():
@@ -93,7 +111,23 @@ def pass_keys(raw: Mapping[str, Any], what: str) -> dict[str, Any]:
             if isinstance(part, dict) and key in part and part.pop(key) not in gone.nothing:
                 raise _gone(f"{what}: [{table}] {key}", gone)
         found[table] = parts if isinstance(here, list) else parts[0]
+    for table, key in VALUES:
+        for part in _as_list(found.get(table)):
+            if isinstance(part, dict) and key in part:
+                what_ = f"{what}: [{table}] {key} = {part[key]!r}"
+                refuse_value(table, key, part[key], what_)
     return found
+
+
+def refuse_value(table: str, key: str, value: Any, what: str) -> None:
+    """Refuse a value that is gone, of a key that is not.
+
+    Raises:
+        InputError: it is one.
+    """
+    gone = VALUES.get((table, key), {})
+    if isinstance(value, str) and value in gone:
+        raise _gone(what, gone[value])
 
 
 def _as_list(value: Any) -> list[Any]:

@@ -177,7 +177,7 @@ def ask(
 def _overhang_deg(scene: ResolvedScene) -> float | None:
     """Return the largest overhang from the vertical that prints unsupported; None if none needs supports."""
     unsupported = "powder" in (scene.printer.process, scene.material.process)
-    if unsupported or scene.material.process == "wire" or scene.printer.max_overhang_deg >= 90:
+    if unsupported or scene.printer.max_overhang_deg >= 90:
         return None
     return scene.printer.max_overhang_deg
 

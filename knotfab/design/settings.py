@@ -16,12 +16,9 @@ from knotfab_formats.piece import Accuracy
 from knotfab_formats.scene import VERIFIED_PX, ResolvedScene, ResolvedView
 from knotfab_formats.search import SearchSettings
 
-# factor on the preset's grace, and what grace penalises, except for filled areas of one picture
-GRACE = {
-    "lines": (4.0, "curves"),  # a line shows every wave of its tube
-    "wire": (10.0, "bends"),  # each bend is made by hand
-    "several": (2.65, "curves"),  # several pictures pull at strands and wrinkle them
-}
+# factor on the preset's grace, except for filled areas of one picture
+GRACE_OF_LINES = 4.0  # a line shows every wave of its tube
+GRACE_OF_SEVERAL = 2.65  # several pictures pull at strands and wrinkle them
 _LINE_PX = 5.0  # width of a line in the fine picture
 
 
@@ -33,14 +30,12 @@ def suit_settings(
     The scene that a build has written gives all keys, so a rebuild uses the same values.
     """
     views = question.problem.views
-    asks: str = question.scene.material.process
-    suited = settings
+    factor, suited = 1.0, settings
     if len(views) > 1:
-        asks, suited = "several", settings.scaled(len(views))
+        factor, suited = GRACE_OF_SEVERAL, settings.scaled(len(views))
     elif views[0].lines:
-        asks, suited = "lines", settings.but(**_fine_lines(settings, question))
-    factor, kind = GRACE.get(asks, (1.0, settings.grace_of))
-    update = {**suited.model_dump(), "grace": factor * settings.grace, "grace_of": kind}
+        factor, suited = GRACE_OF_LINES, settings.but(**_fine_lines(settings, question))
+    update = {**suited.model_dump(), "grace": factor * settings.grace}
     return settings.but(**{k: v for k, v in update.items() if k not in given})
 
 

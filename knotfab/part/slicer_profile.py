@@ -37,8 +37,6 @@ FILAMENTS = {
 
 def why_not_sliced(scene: ResolvedScene) -> str | None:
     """Say why a filament slicer cannot judge this piece; None if it can."""
-    if scene.material.process == "wire":
-        return "wire: bent, not sliced"
     resin = "resin" in (scene.material.process, scene.printer.process)
     # narrower is the spot of a laser or a pixel of a screen, not a nozzle
     if resin or scene.printer.nozzle_mm < 0.1:

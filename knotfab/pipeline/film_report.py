@@ -154,7 +154,6 @@ def _list_views(
                     mount=report.print.mount or MountFigures(kind="none"),
                     **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},
                     notes=tuple(n for n in report.notes if n not in shared),
-                    bending_plan=report.bending_plan,
                     failed=tuple(check.name for check in list_unmet(report.checks)),
                 )
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from concurrent.futures import wait
 from dataclasses import replace
@@ -10,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.base.apps import load_app
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
@@ -48,7 +46,6 @@ from knotfab.report.page import write_report_html
 from knotfab.report.pictures import draw_agreement, find_pictures, turn_piece
 from knotfab.report.posing import find_access, report_posing
 from knotfab.report.report import (
-    WirePlan,
     check_3mf,
     check_certificate,
     check_limits,
@@ -57,7 +54,6 @@ from knotfab.report.report import (
     report_of,
     tell_binding,
     tell_mount,
-    tell_plan,
     tell_plate,
     write_report_json,
 )
@@ -73,13 +69,12 @@ from knotfab_validators.conclusion import tell_lowered
 
 _SAME_TUBE = 0.05  # relative difference of radii that nobody sees
 _TOLD_S = 0.5  # interval between progress messages on the slicer
-_AFTER_BENDS_S = 5.0  # from the end of fitting a wire to the end of the build
 
 
 def report_piece(
     piece: WrittenPiece, folder: OutputFolder, request: Request, progress: Progress
 ) -> Report:
-    """Wait for the verdict and the slicer, write bending plan and drawings, and make the report.
+    """Wait for the verdict and the slicer, write drawings, and make the report.
 
     Raises:
         SceneError: a required check failed, and the request has another scene to build.
@@ -103,7 +98,6 @@ def report_piece(
         checks = [*verdict.checks, *(check for check in own if check is not None)]
     _prefer_other_way(request, checks)
     sliced = _wait_for_slicer(piece, progress)
-    plan = _plan_bends(folder, piece, request, progress)
     if sheets is not None:
         with progress.stage("drawings"):
             costs = [view.misplacement for view in verdict.views] or [None for _ in cameras]
@@ -111,7 +105,6 @@ def report_piece(
     with progress.stage("report"):
         checks += [] if sliced is None else [check_slicing(sliced)]
         _prefer_other_way(request, checks)
-        checks += [] if plan is None else plan.checks
         views = _list_views(piece, printing, verdict)
         _draw_bendings(piece, folder)
         turning, turned = turn_piece(folder.work, mounted, made.knots) if printing else (None, [])
@@ -123,15 +116,14 @@ def report_piece(
             setup=tell_setup(mounted, cameras, made.knots.radius_mm),
             turning=turning,
         )
-        filament = printing and plan is None
-        print_ = with_slicing(print_, sliced) if filament else print_
+        print_ = with_slicing(print_, sliced) if printing else print_
         how = piece.flattening, piece.suffix
         print_, laid = report_posing(print_, part, *how, printing=printing, access=access)
         if printing:
             print_, told = tell_supports(print_, request, part, checks)
             laid += [] if piece.suffix else told
-        notes = _list_notes(piece, request, views, sliced, plan, (turned, laid))
-        found = verdict, checks, views, print_, notes, sliced, plan
+        notes = _list_notes(piece, request, views, sliced, (turned, laid))
+        found = verdict, checks, views, print_, notes, sliced
         return report_of(request, made, piece.knots, *found)
 
 
@@ -177,7 +169,6 @@ def _list_notes(
     request: Request,
     views: Sequence[View],
     sliced: Sliced | NotSliced | None,
-    plan: WirePlan | None,
     found: tuple[Sequence[str], Sequence[str]],
 ) -> list[str]:
     """List the report's notes; `found` are those on the turning pictures and on the pose."""
@@ -193,8 +184,7 @@ def _list_notes(
             len(targets),
         ),
         *tell_plate(_plate_of(piece, views), part.mounted.scene),
-        *(tell_unsliced(sliced) if request.printing and plan is None else ()),
-        *tell_plan(plan),
+        *(tell_unsliced(sliced) if request.printing else ()),
         *piece.notes,
         *filter(None, [part.framing[1]]),
         *tell_depth(request.scene.piece.depth, made),
@@ -308,25 +298,6 @@ def _collect_viewer_data(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
         history=frames,
         history_label="frame" if several else "search",
     )
-
-
-def _plan_bends(
-    folder: OutputFolder, piece: WrittenPiece, request: Request, progress: Progress
-) -> WirePlan | None:
-    """Write the bending plan of a piece of wire, within the time budget; None for other materials."""
-    if piece.scene.material.process != "wire":
-        return None
-    with progress.stage("bending plan"):
-        pictures = [folder.file(view.picture) for view in piece.scene.views]
-        left = request.budget(progress.total, mounted=False)
-        ends = np.inf
-        if left is not None:
-            seconds = replace(left, after_s=_AFTER_BENDS_S, after_vertex_s=0.0).search_s(0)
-            ends = time.perf_counter() + seconds
-        plan: WirePlan = load_app("wire").write_bending_plan(
-            folder.work, piece.made.knots, piece.scene, pictures, piece.suffix, ends
-        )
-        return plan
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:

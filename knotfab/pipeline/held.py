@@ -247,7 +247,7 @@ def can_hold(scene: ResolvedScene) -> list[Kind]:
 
     A piece that prints without supports allows none, since members would begin in mid-air.
     """
-    if scene.material.process == "wire" or scene.piece.supports == "none":
+    if scene.piece.supports == "none":
         return []
     # where lamps share a screen, they stand as the holder lets them, which was settled before
     kinds: list[Kind] = ["hang"] if scene.share_wall else ["hang", "stand"]

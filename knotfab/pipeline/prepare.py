@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from knotfab.base.apps import load_app
 from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
 from knotfab.design.frames import (
@@ -269,11 +268,6 @@ def _read_call(
     require_mount(scene)
     require_supports(scene)
     require_tube(scene)
-    if scene.material.process == "wire":
-        load_app("wire").require_bender(scene)
-    elif options.bender is not None:
-        remedy = "Leave it out, or add --material steel-wire-2mm."
-        raise InputError(f"--bender {options.bender}", "there is no wire to bend", remedy)
     require_start(scene)
     require_walls(scene)
     with progress.stage("picture"):

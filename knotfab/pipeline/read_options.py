@@ -316,11 +316,6 @@ def _read_bend(option: str, text: str) -> float | str:
     return share
 
 
-def _read_bender(option: str, text: str) -> str:
-    """Return the name of a built-in template, or the absolute path of a file."""
-    return text if re.fullmatch("[a-z]+", text) else str(at_home(text).absolute())
-
-
 # keys whose options take other words than the keys themselves
 _READERS: dict[str, Callable[..., Any]] = {
     "ink": _read_ink,
@@ -338,7 +333,6 @@ _READERS: dict[str, Callable[..., Any]] = {
     "keep_largest": _read_largest,
     "knots": _read_count,
     "bend": _read_bend,
-    "bender": _read_bender,
     "accept": lambda _, word: (word,),
 }
 

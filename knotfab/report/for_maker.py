@@ -44,9 +44,6 @@ FILES = (
     (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),
     (r"setup(-\d+)?\.pdf", "where piece, wall and lamp stand, with dimensions"),
     (r"drill-template-\w+(-\d+)?\.pdf", "the holes at full size: print it at 100 %"),
-    (r"bending-templates-\w+(-\d+)?\.pdf", "the wire at full size: print it at 100 %"),
-    (r"bends(-\d+)*\.csv", "the wire's bends, one a line"),
-    (r"bends(-\d+)*-[\w-]+\.\w+", "the same for the bender"),
     (
         r"centre-lines(-\d+)?\.(dxf|svg)",
         "the centre lines in the shadow, at full size: a layer a knot",

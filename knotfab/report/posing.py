@@ -127,8 +127,7 @@ def find_access(part: Part) -> SupportAccess | None:
     from knotfab.part.assemble import rules_of
 
     rules = rules_of(part.mounted.scene)
-    wire = part.mounted.scene.material.process == "wire"
-    if wire or part.plates is not None or not rules.supports or rules.powder:
+    if part.plates is not None or not rules.supports or rules.powder:
         return None
     return measure_access(part.bodies, rules)
 
@@ -146,8 +145,6 @@ def _with_supports(
     if coupon is not None:
         print_ = replace(print_, coupon=coupon.figures)
         notes.append(coupon.tell())
-    if scene.material.process == "wire":
-        return print_, notes
     seconds, grams, supports = print_.time_s, print_.filament_g, print_.support_g
     tall = part.pose.account is not None and part.plates is None and scene.piece.depth != 0
     # with several views less depth of one is less width of another

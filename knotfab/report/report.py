@@ -6,7 +6,6 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -25,7 +24,6 @@ from knotfab_formats.errors import plain
 from knotfab_formats.libraries import list_parts
 from knotfab_formats.print_figures import MountFigures, PlateFigures, Print
 from knotfab_formats.report import (
-    BendingPlan,
     Certificate,
     KnotFigures,
     NextStep,
@@ -116,7 +114,6 @@ def report_of(
     print_: Print,
     notes: Sequence[str],
     sliced: Sliced | NotSliced | None = None,
-    plan: WirePlan | None = None,
 ) -> Report:
     """Assemble the report of a build from what was made and the validators' `verdict` on its files.
 
@@ -143,7 +140,6 @@ def report_of(
         colours=verdict.colours,
         notes=tuple(notes),
         binding=made.binding if bound else None,
-        bending_plan=None if plan is None else plan.figures,
         slicer=None if sliced is None else report_slicing(sliced),
     )
 
@@ -219,43 +215,6 @@ def write_report_json(path: Path, report: Report) -> None:
     """Write `report` as UTF-8 JSON that any parser reads: no NaN, no infinity."""
     text = json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-@dataclass(frozen=True)
-class WirePlan:
-    """A bending plan as it was written."""
-
-    figures: BendingPlan
-    checks: tuple[Check, ...]
-    cut: str = ""  # what ended its fit before it was done, such as "--time-budget"
-
-
-def tell_plan(plan: WirePlan | None) -> list[str]:
-    """Say how much wire the bending plan takes, if there is one."""
-    if plan is None:
-        return []
-    cut = (
-        f"The plan of its bends ended at {plan.cut}, and what is written is the best until then. A shorter "
-        "wire (a smaller --size) is planned sooner."
-    )
-    return [
-        f"{plan.figures.length_mm / 1000:.2f} m of wire, {plan.figures.mass_g:.0f} g, in "
-        f"{plan.figures.bends} bends: see bends*.csv and the templates.",
-        *_tell_hand(plan.figures),
-        *([cut] if plan.cut else ()),
-    ]
-
-
-def _tell_hand(plan: BendingPlan) -> list[str]:
-    """Say that a wire cannot be bent by hand as planned, if that is so."""
-    short = min(wire.shortest_straight_mm for wire in plan.knots)
-    sharp = max(wire.largest_bend_deg for wire in plan.knots)
-    if short >= _HELD_MM and sharp <= _BENT_DEG and plan.bends <= _BENDS:
-        return []
-    return [
-        f"Its shortest straight is {short:.1f} mm and its sharpest bend {sharp:.0f}°: a machine bends that, "
-        "and hardly a hand; a smaller --size, or a picture of lines, takes fewer and wider bends."
-    ]
 
 
 def tell_mount(knots: int, mount: MountFigures, hangs: bool, views: int) -> list[str]:

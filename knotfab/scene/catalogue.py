@@ -18,6 +18,7 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Material, Printer
 from knotfab_formats.read import parse_toml
 from knotfab_formats.scene import ResolvedPrinter, ResolvedScene, Scene
+from knotfab_formats.struck import refuse_value
 
 _USUAL_MATERIALS = {"filament": "pla", "resin": "resin", "powder": "pa12"}
 
@@ -52,6 +53,7 @@ def _fill_in(own: Named) -> Named:
     if keys <= set(written):
         return own  # a build writes scenes so: complete, so that no data file can change them
     kind = kind_of(type(own))
+    refuse_value(kind, "name", own.name, f"{kind} {own.name!r}")
     name = find_name(kind, own.name)
     if name not in known_names(kind):
         if keys - USUAL <= set(written):
@@ -90,10 +92,7 @@ def _find_material(own: Material, printer: Printer) -> Material:
     if not own.model_fields_set:
         own = Material(name=_USUAL_MATERIALS[printer.process])
     found = _fill_in(own)
-    if found.process not in ("wire", printer.process) and "powder" in (
-        found.process,
-        printer.process,
-    ):
+    if found.process != printer.process and "powder" in (found.process, printer.process):
         raise InputError(
             f"material {found.name!r}",
             f"printer {printer.name!r} prints with {printer.process}, and this is {found.process}",
@@ -106,7 +105,7 @@ def resolve(scene: Scene) -> ResolvedScene:
     """Complete the scene for a build: printer and material are merged with their data files.
 
     Keys that the scene gives itself in [printer] and [material] win over the data file. Unless the scene
-    says otherwise, a tube of wire is as thick as the wire, powder comes out between strands, and a piece
+    says otherwise, powder comes out between strands, and a piece
     that stands in a plate needs no supports.
 
     Raises:
@@ -116,8 +115,6 @@ def resolve(scene: Scene) -> ResolvedScene:
     printer = _fill_in_open(_fill_in(scene.printer))
     material = _find_material(scene.material, printer)
     piece: dict[str, Any] = {}
-    if material.process == "wire" and scene.piece.tube_radius_mm is None:
-        piece["tube_radius_mm"] = 0.5 * material.wire_diameter_mm
     if material.process == "powder" and "clearance_mm" not in scene.piece.model_fields_set:
         piece["clearance_mm"] = max(scene.piece.clearance_mm, printer.min_gap_mm)
     if scene.mount.on_feet and "supports" not in scene.piece.model_fields_set:
@@ -138,8 +135,7 @@ Named = TypeVar("Named", Printer, Material)
 # Usual values for most printers and materials, which a person's own file may leave out.
 USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
 USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
-USUAL |= {"wire_diameter_mm", "tool_radius_mm", "min_straight_mm", "max_bend_deg"}
-USUAL |= {"springback_percent", "young_modulus_mpa", "yield_mpa", "transmittance_per_mm"}
+USUAL |= {"young_modulus_mpa", "yield_mpa", "transmittance_per_mm"}
 USUAL |= {"shrinkage_percent"}
 
 

@@ -16,15 +16,8 @@ def require_mount(scene: ResolvedScene) -> None:
     """Refuse an impossible mount before any work is done.
 
     Raises:
-        InputError: a mount of a wire, or a wall mount of a piece with several views or on a round wall.
+        InputError: a wall mount of a piece with several views or on a round wall.
     """
-    if scene.material.process == "wire" and scene.mount.asked:
-        asked, plate = scene.mount.kind, scene.mount.plate
-        raise InputError(
-            f"a mount of a wire ({f'--plate {plate}' if asked == 'auto' else f'--mount {asked}'})",
-            "wire is bent, and a mount is printed in one with its piece",
-            "Leave it out, and hang the wire by a thread",
-        )
     if scene.mount.kind == "wall" and any(v.wall_radius_mm is not None for v in scene.views):
         raise InputError(
             "a wall mount (--mount wall)",
@@ -110,7 +103,6 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
     why = {
         "resin": "resin hangs from a plate while it hardens, and only supports hold it there",
         "powder": "powder carries a piece wherever it lies, and no supports are printed",
-        "wire": "wire is bent, and nothing is printed",
     }.get(process or "")
     leave = "Leave it out"
     if why is not None:

@@ -171,8 +171,6 @@ def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: 
 # Grace: the energy of an elastic curve under tension, which is low for curves that please the eye.
 
 _TENSION = 0.5  # cost of one tube radius of length, in units of the bending energy
-# curvature times radius: where a counted bend costs as much as its bending energy, and of a straight stretch
-_BENT, _STRAIGHT = 0.3, 0.05
 
 
 @dataclass(frozen=True)
@@ -183,14 +181,10 @@ class Grace(Term):
     |t' - t|^2 / l, with unit tangents t and t' before and after and l the mean of the two edges (Bergou et
     al., "Discrete elastic rods", 2008, with 2 sin(theta / 2) for 2 tan(theta / 2), which stays bounded where
     an edge folds back).
-
-    With `bends` the root of curvature replaces its square, to count bends: a straight segment within t of a
-    curve of curvature k covers 4 sqrt(t / k) of it. The root is smoothed near 0.
     """
 
     radius_mm: float
     weight: float
-    bends: bool = False
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         following, previous = state.rings.next, state.rings.previous
@@ -200,15 +194,9 @@ class Grace(Term):
         between = 0.5 * (one + one[following])
         length, turned = _divisor(between), (turn * turn).sum(axis=1)
         # each vertex's energy, and its derivatives by the squared turn and by the vertex's length
-        if self.bends:
-            lengths = length / self.radius_mm
-            counted, slope = _count_bends(turned / lengths / lengths)
-            shares, by_turn = lengths * counted, slope / lengths
-            by_length = (counted - 2.0 * slope * turned / lengths / lengths) / self.radius_mm
-        else:
-            by_turn = self.radius_mm / length
-            shares = by_turn * turned
-            by_length = -shares / length
+        by_turn = self.radius_mm / length
+        shares = by_turn * turned
+        by_length = -shares / length
         by_length = np.where(between > 0, by_length, 0.0)
         pull = 2.0 * by_turn[:, None] * turn
         pull = pull[previous] - pull  # gradient by the unit edges
@@ -218,17 +206,6 @@ class Grace(Term):
         scale = self.weight * weights.grace
         total = float(shares.sum()) + _TENSION * float(one.sum()) / self.radius_mm
         return scale * total, scale * follow_edges(edges, state.rings)
-
-
-def _count_bends(squares: Array) -> tuple[Array, Array]:
-    """Return the scaled root of curvature, smoothed at 0, and its derivative by the squared curvature.
-
-    Curvature is in units of one over the tube radius; at `_BENT` the result equals its square.
-    """
-    least = _STRAIGHT**0.5
-    scale = _BENT**2 / ((_BENT**2 + _STRAIGHT**2) ** 0.25 - least)
-    root = (squares + _STRAIGHT**2) ** 0.25
-    return scale * (root - least), 0.25 * scale * root / (squares + _STRAIGHT**2)
 
 
 def _divisor(lengths: Array) -> Array:

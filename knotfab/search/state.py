@@ -174,7 +174,7 @@ def begin_search(
 ) -> SearchState:
     """Build the state at the start of a search, with the effects judged there."""
     if settings.grace > 0:
-        terms += (Grace(radius, settings.grace, settings.grace_of == "bends"),)
+        terms += (Grace(radius, settings.grace),)
     points = np.concatenate(start.curves)
     if problem.arched:
         up = problem.views[0].axes[2]

@@ -70,7 +70,6 @@ ELSEWHERE = {
     "time budget": "tests/search/test_free_pose.py",
     "price of a limit": "tests/design/test_settings.py",
     "sparser filling": "tests/pipeline/test_build.py",
-    "wire plan": "tests/apps/wire/test_plan.py",
     "view found in the search": "tests/search/test_free_pose.py",
 }
 assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())

@@ -60,7 +60,8 @@ BAD_CALLS = [
     (["--seed", "abc"], "no whole number. Give one such as 3."),
     (["--skip", "everything"], "Known: shadow-render"),
     (["--mount", "rope"], "Choose from"),
-    (["--material", "steel-wire-2mm", "--mount", "wall"], "wire is bent, and a mount is printed"),
+    (["--material", "steel-wire-2mm"], "Print the piece"),
+    (["--bender", "grbl"], "Print the piece"),
     (["--out"], "requires an argument"),
     (["--out", ""], "names no place"),
 ]

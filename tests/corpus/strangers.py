@@ -1,4 +1,4 @@
-"""What the maker reads, changed at random: pictures, photographs, scenes, starts, templates, reports."""
+"""What the maker reads, changed at random: pictures, photographs, scenes, starts, reports."""
 
 from __future__ import annotations
 
@@ -14,14 +14,11 @@ from PIL import Image, ImageDraw
 
 from knotfab.apps.compare.compare import read_photo
 from knotfab.apps.studio.builds import describe_folder
-from knotfab.apps.wire import files as wire
-from knotfab.apps.wire.files import fill_template, read_bends
 from knotfab.knots import read_start
 from knotfab.picture.frames import read_frames
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
-from knotfab_formats.piece import Material
 from knotfab_formats.read import list_keys
 
 from .curves import circle
@@ -34,10 +31,6 @@ READERS: Mapping[str, Callable[[Path], object]] = {
     "frames": lambda path: read_frames([str(path)]),
     "scene": lambda path: resolve(load_scene(path)),
     "start": read_start,
-    "bends": read_bends,
-    "template": lambda path: fill_template(
-        str(path), list(wire._SAMPLE), "bends-1.csv", Material(wire_diameter_mm=2.0)
-    ),
     "report": lambda path: describe_folder(path.parent, False),
 }
 
@@ -77,12 +70,6 @@ def seeds() -> dict[tuple[str, str], bytes]:
     points = circle(20.0, 24).tolist()
     start = {"schema": 1, "radius_mm": 2.0, "coordinates": "scene", "knots": [{"points": points}]}
     found["start", "start.json"] = json.dumps(start).encode()
-    bends = Path(wire.__file__).parent / "benders"
-    for path in sorted(bends.iterdir()):
-        if path.is_file() and path.suffix != ".py":
-            found["template", path.name] = path.read_bytes()
-    row = "1,10.000,20.000,0.000,45.000,5.000,\n"
-    found["bends", "bends-1.csv"] = f"# start_mm: 0 0 0\n{','.join(wire.COLUMNS)}\n{row}".encode()
     report = {"verdict": {"word": "good", "reasons": []}, "views": [{"iou": 0.9}], "print": {}}
     found["report", "report.json"] = json.dumps(report).encode()
     return found

@@ -25,7 +25,7 @@ from knotfab.design.lamps import depth_apart, place_lamps
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import _Trials, choose_radius
 from knotfab.design.retries import SHORT
-from knotfab.design.settings import GRACE
+from knotfab.design.settings import GRACE_OF_SEVERAL
 from knotfab.picture.read import Target, read_target
 from knotfab.scene.camera import cameras_of
 from knotfab.scene.catalogue import resolve
@@ -98,7 +98,7 @@ def test_the_scene_of_two_views_repeats_them() -> None:
     made = design_knots(resolve(Scene.model_validate(given)), targets)
     # a given grace stays, and the one that was taken is written as that number
     assert {key: made.scene.search[key] for key in few} == few
-    assert made.scene.search["grace"] == pytest.approx(GRACE["several"][0] * SearchSettings().grace)
+    assert made.scene.search["grace"] == pytest.approx(GRACE_OF_SEVERAL * SearchSettings().grace)
     again = design_knots(made.scene, targets)
     np.testing.assert_array_equal(made.knots.points, again.knots.points)
 

@@ -24,7 +24,6 @@ from knotfab_formats.scene import Scene
     [
         ("prusa-mk4", "pla", 45.0),
         ("hp-mjf", "pa12", None),  # powder carries the piece
-        ("prusa-mk4", "steel-wire-2mm", None),  # wire is bent, not printed
     ],
 )
 def test_supports_are_weighed_only_where_some_are_printed(

@@ -29,28 +29,21 @@ from knotfab.report.report import check_limits, tell_binding
 from knotfab.scene.catalogue import resolve
 from knotfab.start.start import make_start
 from knotfab_formats.errors import InputError, plain
-from knotfab_formats.piece import Accuracy, Material
+from knotfab_formats.piece import Accuracy
 from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 
 PLAIN = SearchSettings()
 
 
-def ask_of(process: str = "filament", lines: bool = False, views: int = 1) -> Question:
+def ask_of(lines: bool = False, views: int = 1) -> Question:
     view = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0, thicken_mm=3.0)
     target = SimpleNamespace(view=view, lines=("a stroke",) if lines else ())
-    scene = SimpleNamespace(material=Material.model_construct(process=process))
     problem = SimpleNamespace(views=(target,) * views)
-    return cast(Question, SimpleNamespace(scene=scene, problem=problem, views=(view,) * views))
+    return cast(Question, SimpleNamespace(problem=problem, views=(view,) * views))
 
 
-ASKED = {
-    "a wire": (ask_of("wire"), 10.0),
-    "lines": (ask_of(lines=True), 4.0),
-    "lines of wire": (ask_of("wire", lines=True), 4.0),
-    "two views": (ask_of(views=2), 2.65),
-    "three views of wire": (ask_of("wire", views=3), 2.65),
-}
+ASKED = {"lines": (ask_of(lines=True), 4.0), "two views": (ask_of(views=2), 2.65)}
 
 
 def test_one_picture_of_filament_takes_the_preset_as_it_is() -> None:
@@ -64,19 +57,12 @@ def test_what_asks_for_smoother_strands_gets_them_in_proportion(what: str) -> No
         settings = PLAIN.model_copy(update={"grace": grace})
         found = suit_settings(settings, question, {})
         assert found.grace == pytest.approx(factor * grace)
-        assert found.grace_of == ("bends" if what == "a wire" else "curves")
 
 
 @pytest.mark.parametrize("what", ASKED)
 def test_what_the_scene_gives_means_the_same_whatever_is_asked(what: str) -> None:
     question, _ = ASKED[what]
-    given = {
-        "grace": 0.07,
-        "grace_of": "curves",
-        "fine_px": 100,
-        "coarse_px": 50,
-        "settle_iterations": 7,
-    }
+    given = {"grace": 0.07, "fine_px": 100, "coarse_px": 50, "settle_iterations": 7}
     settings = PLAIN.model_copy(update=given)
     found = suit_settings(settings, question, given)
     assert {key: getattr(found, key) for key in given} == given

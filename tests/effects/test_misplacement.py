@@ -11,7 +11,7 @@ from tables import some
 from knotfab.effects.base import Decision, EffectContext, Shadows, World
 from knotfab.effects.misplacement import MISPLACEMENT, Steadying, parting_mm
 from knotfab.scene.camera import camera_of, view_axes
-from knotfab_formats.piece import Material, Mount
+from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.views import Placing, View
 
@@ -99,11 +99,10 @@ def test_what_hangs_on_the_wall_does_not_turn_against_it() -> None:
         (Scene(mount=Mount(kind="wall")), True, True),
         (Scene(mount=Mount(kind="none")), False, False),
         (Scene(mount=Mount(kind="stand")), False, False),
-        (Scene(material=Material(process="wire")), False, False),
         (Scene(views=(View(wall_radius_mm=400.0),)), False, False),
         (Scene(views=(View(), View(name="side", azimuth_deg=90.0))), False, False),
     ],
-    ids=["auto", "wall", "none", "stand", "wire", "round", "two views"],
+    ids=["auto", "wall", "none", "stand", "round", "two views"],
 )
 def test_loose_pieces_hang_on_the_wall_asked_for_or_left_open(
     scene: Scene, loose: bool, whole: bool

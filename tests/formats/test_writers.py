@@ -32,7 +32,6 @@ ALLOWED = {
         [
             *("base/folder.py:OutputFolder._probe", "base/folder.py:OutputFolder.write"),
             *("base/moves.py:move_all", "base/moves.py:seal", "base/moves.py:sync"),
-            *("apps/wire/files.py:write_bends", "apps/wire/plan.py:write_bending_plan"),
             *("part/files.py:_write_model", "part/files.py:write_dxf", "part/files.py:write_stl"),
             *("part/files.py:write_svg", "part/slicer_profile.py:write_profile"),
             *(

@@ -350,11 +350,6 @@ def test_only_filament_is_sliced() -> None:
     assert why_not_sliced(scene_of("[printer]\nname = 'form-3'")) == resin
     assert why_not_sliced(scene_of("[printer]\nnozzle_mm = 0.1")) is None
     assert why_not_sliced(scene_of("[printer]\nnozzle_mm = 0.099")) == resin
-    wire = why_not_sliced(scene_of("[material]\nname = 'pla'\nprocess = 'wire'"))
-    assert wire is not None and wire.startswith("wire")
-    # a material says it before the printer does
-    wire = why_not_sliced(scene_of("[printer]\nname='form-3'\n[material]\nprocess = 'wire'"))
-    assert wire is not None and wire.startswith("wire")
 
 
 def test_every_printer_has_a_profile_or_a_reason(tmp_path: Path) -> None:

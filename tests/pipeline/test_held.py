@@ -51,7 +51,6 @@ TARGET: Any = SimpleNamespace(mask=EMPTY, width=EMPTY.shape[1], height=EMPTY.sha
         ({"views": [{"wall_radius_mm": 400.0}]}, {"hang", "stand"}),
         ({"views": [{"kind": "eye"}]}, {"hang", "stand"}),
         ({"piece": {"supports": "none"}}, set()),
-        ({"material": {"name": "steel-wire-2mm"}}, set()),
     ],
 )
 def test_what_a_scene_allows(keys: dict[str, Any], kinds: set[str]) -> None:

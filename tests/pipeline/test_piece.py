@@ -10,14 +10,12 @@ from typing import Any, NamedTuple
 import ezdxf
 import numpy as np
 import pytest
-from command import picture
 from pieces import SAG, one, setup
 from scipy.spatial import cKDTree
 from shapely.geometry import LinearRing, MultiPoint, Polygon
 from svgelements import SVG, Group
 from svgelements import Path as SvgPath
 
-import knotfab
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import mesh_volume, sweep
 from knotfab.hold.eyelet import Eyelet
@@ -281,21 +279,3 @@ def test_a_tube_is_cut_only_on_the_inner_side_of_bends_where_it_would_fold() -> 
         assert (0 < cut.mean() < 0.1) == (radius > 2.13)
         assert (np.abs(points[cut, 0]) > 25).all() and (np.abs(points[cut, 0]) < 30).all()
     assert step._sweep(oval, 4.0) is None
-
-
-V, U = np.mgrid[:80, :80]
-RING = np.abs(np.hypot(U - 40, V - 40) - 26) < 8  # thin and small: its plan is soon found
-
-
-@pytest.mark.build
-def test_a_build_of_wire_writes_all_that_was_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("knotfab.apps.wire.plan._FIT_SHARES", (0.97,))  # each takes seconds
-    file = str(picture(tmp_path / "ring.png", RING))
-    asked = {"material": "steel-wire-2mm", "size": 20.0, "accuracy": "sketch", "also": "svg,dxf"}
-    made = knotfab.build([file], tmp_path / "out", **asked, skip=("slicer", "shadow-render"))
-    there = {path.name for path in made.folder.iterdir()}
-    assert {f"centre-lines.{kind}" for kind in ("svg", "dxf")} <= there
-    (view,) = (view["name"] for view in made.report["views"])
-    assert {f"shadow-{view}.svg", "bends-lra.csv"} <= there

@@ -413,23 +413,6 @@ def test_the_slicers_figures_warnings_and_proofs() -> None:
     assert "Not sliced: it is not installed." in without and "print time" not in without
 
 
-def test_the_bending_plan_lists_each_wire() -> None:
-    wire = {
-        "file": "bends.csv", "length_mm": 3912.0, "bends": 300, "deviation_mm": 0.6,
-        "deviation_mean_mm": 0.1, "deviation_across_mm": 0.4, "closing_error_mm": 1e-9,
-        "shortest_straight_mm": 2.1, "largest_bend_deg": 95.2, "joint_straight_mm": 12.1,
-        "joint_hidden": False, "end_moves_mm_per_deg": 3.1, "end_moves_mm_for_1_deg_everywhere": 9.0,
-    }  # fmt: skip
-    plan = {
-        "status": "pass", "files": ["bends.csv"], "length_mm": 3912.0, "mass_g": 96.0, "bends": 300,
-        "iou": 0.98121, "iou_of_views": {}, "frame_width_mm": 180.0, "enough_frame_width_mm": None,
-        "least_distance_mm": 2.2, "tolerance_mm": 0.5, "pages": {}, "knots": [wire],
-    }  # fmt: skip
-    text = fabrication_page(bending_plan=plan).text
-    for part in ("3.91", "0.9812", "bends.csv", "95.2", "it shows"):
-        assert part in text
-
-
 @pytest.mark.slow
 def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
     def ious(*ways: str) -> dict[str, dict[str, float]]:

@@ -216,12 +216,12 @@ def test_pictures_in_double_precision_tell_the_same_more_exactly(points: Array) 
 # differences.
 
 
-def felt(points: Array, radius: float, weight: float = 1.0, bends: bool = False) -> Felt:
-    return Grace(radius, weight, bends)(state_at(points, 1.0), Weights())
+def felt(points: Array, radius: float, weight: float = 1.0) -> Felt:
+    return Grace(radius, weight)(state_at(points, 1.0), Weights())
 
 
-def energy(points: Array, radius: float, weight: float = 1.0, bends: bool = False) -> float:
-    return felt(points, radius, weight, bends)[0]
+def energy(points: Array, radius: float, weight: float = 1.0) -> float:
+    return felt(points, radius, weight)[0]
 
 
 def circle(radius: float, count: int = 400) -> Array:
@@ -243,40 +243,25 @@ def test_a_free_circle_is_as_large_as_both_parts_ask() -> None:
     assert sizes[np.argmin(found)] == pytest.approx(1.5 * np.sqrt(2), abs=0.05)
 
 
-@pytest.mark.parametrize("bends", [False, True])
-def test_it_is_free_of_scale_and_in_proportion_to_its_weight(bends: bool) -> None:
+def test_it_is_free_of_scale_and_in_proportion_to_its_weight() -> None:
     wavy = circle(20.0)
     wavy = wavy + 2.0 * np.sin(9 * np.arctan2(wavy[:, 1], wavy[:, 0]))[:, None] * wavy / 20.0
-    once = energy(wavy, 2.0, bends=bends)
-    assert energy(3.0 * wavy, 6.0, bends=bends) == pytest.approx(once, rel=1e-12)
-    less = energy(wavy, 2.0, weight=0.02, bends=bends)
+    once = energy(wavy, 2.0)
+    assert energy(3.0 * wavy, 6.0) == pytest.approx(once, rel=1e-12)
+    less = energy(wavy, 2.0, weight=0.02)
     assert less == pytest.approx(0.02 * once, rel=1e-12)
-    assert once > 1.2 * energy(circle(20.0), 2.0, bends=bends)
+    assert once > 1.2 * energy(circle(20.0), 2.0)
 
 
-def test_a_bend_costs_no_more_where_it_is_tight() -> None:
-    def turn_once(size: float, bends: bool) -> float:
-        """What turning once about at this radius takes, what pulls left out."""
-        return energy(circle(size), 1.0, bends=bends) - np.pi * size
-
-    tight, wide = 1.0 / 0.3, 1.0 / 0.1
-    assert turn_once(tight, bends=True) < 1.01 * turn_once(wide, bends=True)
-    assert turn_once(tight, bends=False) > 2.9 * turn_once(wide, bends=False)
-    # bent as a wire is they are worth their bending energy
-    assert turn_once(tight, bends=True) == pytest.approx(turn_once(tight, bends=False), rel=1e-3)
-
-
-@pytest.mark.parametrize("bends", [False, True])
-def test_its_slope_is_that_of_finite_differences(bends: bool) -> None:
+def test_its_slope_is_that_of_finite_differences() -> None:
     points = circle(10.0, 40) + 0.4 * np.sin(np.arange(120.0)).reshape(40, 3)
-    assert_slope(lambda p: felt(p, 1.0, bends=bends), points)
+    assert_slope(lambda p: felt(p, 1.0), points)
 
 
-@pytest.mark.parametrize("bends", [False, True])
-def test_an_edge_without_length_has_a_slope_that_is_finite(bends: bool) -> None:
+def test_an_edge_without_length_has_a_slope_that_is_finite() -> None:
     points = circle(10.0, 40)
     points[7] = points[6]
-    total, slope = felt(points, 1.0, bends=bends)
+    total, slope = felt(points, 1.0)
     assert np.isfinite(total) and np.isfinite(slope).all()
 
 

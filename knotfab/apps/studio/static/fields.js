@@ -106,9 +106,7 @@ function fillPrinters({ printers, usual }) {
 }
 
 function fillMaterials(materials) {
-  const group = (label, found) => element("optgroup", { label }, ...found.map(({ name, title }) => element("option", { value: name }, title)));
-  const wire = (m) => m.process === "wire";
-  inputs.material.append(element("option", { value: "" }, "the printer's usual one"), group("Printed", materials.filter((m) => !wire(m))), group("Bent by hand, with a plan", materials.filter(wire)));
+  inputs.material.append(element("option", { value: "" }, "the printer's usual one"), ...materials.map(({ name, title }) => element("option", { value: name }, title)));
 }
 
 export const set = (name, value) => setAll({ [name]: value });

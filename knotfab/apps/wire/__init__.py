@@ -1,1 +1,0 @@
-"""Bending plans of pieces made of wire."""
