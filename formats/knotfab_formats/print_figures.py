@@ -214,16 +214,6 @@ class FeetFigures:
     tip_deg: float | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class CouponFigures:
-    """The small print to try a mount's fit on: the pin, and the holes with their numbers of dots."""
-
-    file: str
-    pin_mm: float
-    holes_mm: tuple[float, ...]
-    dots: tuple[int, ...]
-
-
 @dataclass(frozen=True)
 class Turning:
     """The angle by which a piece is turned for each view, and how far its picture then lies off."""
@@ -255,7 +245,6 @@ class Print:
     pose: PoseFigures | None = None
     plates: PlatesFigures | None = None
     plate: PlateFigures | None = None
-    coupon: CouponFigures | None = None
     flatter: tuple[Flatter, ...] | None = None
     support_access: SupportAccess | None = None
     supports: SupportFigures | None = None

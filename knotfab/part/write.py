@@ -14,7 +14,6 @@ from knotfab.base.arrays import Array
 from knotfab.base.folder import OutputFolder
 from knotfab.design.design import Design
 from knotfab.geometry.tube import Mesh, join_meshes
-from knotfab.hold.coupon import COUPON, plan_coupon
 from knotfab.knots import count_in_words
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.files import About, write_3mf, write_coloured_3mf, write_stl
@@ -70,7 +69,7 @@ def write_part(
     colours: bool = False,
     suffix: str = "",
 ) -> None:
-    """Write part.stl and .3mf, the plates, a mount's coupon, knots.json, the pictures and
+    """Write part.stl and .3mf, the plates, knots.json, the pictures and
     scene.toml.
 
     Args:
@@ -92,12 +91,6 @@ def write_part(
         write_coloured_3mf(
             folder.file(COLOURED.replace(".", f"{suffix}.")), part.bodies, part.names, paint, about
         )
-    coupon = plan_coupon(part.mounted, suffix)
-    if coupon is not None:
-        grown = 1 / shrink_of(scene)[0, 0]  # its holes and pin shrink as the part's do
-        bodies = [(grown * vertices, faces) for vertices, faces in coupon.make_bodies()]
-        own = replace(about, title=f"{about.title}, coupon", thumbnail_png=b"")
-        write_3mf(folder.file(COUPON), bodies, own)
     table, _ = part.framing
     for sheet in () if table is None else table.sheets:
         own = replace(about, title=f"{about.title}, frame", thumbnail_png=b"")

@@ -40,7 +40,6 @@ FILES = (
     ),
     (r"table-\d+\.3mf", "for the slicer: the frame that holds screen, piece and lamps"),
     (r"part-colours(-\d+)?\.3mf", "the same, its bodies by name and colour"),
-    (r"coupon\.3mf", "a small print to try the mount's fit on"),
     (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),
     (r"setup(-\d+)?\.pdf", "where piece, wall and lamp stand, with dimensions"),
     (r"drill-template-\w+(-\d+)?\.pdf", "the holes at full size: print it at 100 %"),

@@ -135,16 +135,11 @@ def find_access(part: Part) -> SupportAccess | None:
 def _with_supports(
     print_: Print, part: Part, suffix: str, access: SupportAccess | None
 ) -> tuple[Print, list[str]]:
-    """Add coupon, flatter pieces and access to supports to the figures, with notes on them."""
-    from knotfab.hold.coupon import plan_coupon
+    """Add flatter pieces and access to supports to the figures, with notes on them."""
     from knotfab.part.assemble import rules_of
     from knotfab.part.orient import estimate_flatter
 
     scene, notes, flatter = part.mounted.scene, list[str](), None
-    coupon = plan_coupon(part.mounted, suffix)
-    if coupon is not None:
-        print_ = replace(print_, coupon=coupon.figures)
-        notes.append(coupon.tell())
     seconds, grams, supports = print_.time_s, print_.filament_g, print_.support_g
     tall = part.pose.account is not None and part.plates is None and scene.piece.depth != 0
     # with several views less depth of one is less width of another

@@ -24,7 +24,7 @@ _STARTS, _RECORDS = "starts", "records"
 _LONGEST_TITLE = 80  # characters
 # files to offer, the most wanted first
 _SHOWN = (
-    "part.3mf", "part.stl", "part.glb", "part-colours.3mf", "coupon.3mf",
+    "part.3mf", "part.stl", "part.glb", "part-colours.3mf",
     "setup.pdf", "report.html", "turn.gif", "report.json", "scene.toml", "knots.json",
     "slicer.ini",
 )  # fmt: skip
