@@ -181,18 +181,6 @@ ROWS: tuple[Row, ...] = (
         passes=False,
     ),
     Row(
-        "files for other tools",
-        "contract.md#files-in-dir",
-        lambda f: (
-            f.pieces
-            == len(f.files("centre-lines*.svg"))
-            == len(f.files("centre-lines*.dxf"))
-            == len(f.files("part*.step"))
-        ),
-        options=(("also", ("svg", "dxf", "step")),),
-        passes=False,
-    ),
-    Row(
         "subject of a photograph",
         "silhouette.md#photographs",
         lambda f: len(f.files("subject-*.png")) == len(f.scene["views"]),

@@ -41,7 +41,6 @@ class Request:
     time_budget_s: float | None = None
     command: str = ""
     colours: bool = False  # whether part-colours.3mf is written
-    also: frozenset[str] = frozenset()  # files for other tools
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # lines of the preview, before the build

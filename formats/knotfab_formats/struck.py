@@ -25,7 +25,9 @@ _GREYS = (
 _WIRE = "Print the piece, or take centre lines for bending from knots.json"
 _NO_WIRE = {"wire_diameter_mm": 0.0, "tool_radius_mm": 0.0, "min_straight_mm": 0.0}
 _NO_WIRE |= {"max_bend_deg": 175.0, "springback_percent": 0.0}
+_ALSO = "Convert part.stl by trimesh or CAD, take centre lines from knots.json, and G-code from the slicer"
 OPTIONS: dict[str, Struck] = {
+    "--also": Struck(_ALSO),
     "--tone": Struck(_GREYS, nothing=("off",)),
     "--bender": Struck(_WIRE, nothing=("lra",)),
 }

@@ -1,4 +1,4 @@
-"""A separate process that models the solids of mounts and STEP during a build."""
+"""A separate process that models the solids of mounts during a build."""
 
 from __future__ import annotations
 
@@ -39,13 +39,7 @@ def keep_modeller(early: bool) -> Iterator[None]:
 
 
 def model_fixture(fixture: Callable[_In, Mesh], *sizes: _In.args, **named: _In.kwargs) -> Mesh:
-    """Make the mesh of a fixture, a function of `knotfab_fixtures`, as `call_fixture` does."""
-    vertices, faces = call_fixture(fixture, *sizes, **named)
-    return np.array(vertices), np.array(faces, dtype=np.int32)
-
-
-def call_fixture(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwargs) -> Any:
-    """Call a function of `knotfab_fixtures` in the kept process or here; its result as JSON.
+    """Make the mesh of a fixture, a function of `knotfab_fixtures`, in the kept process or here.
 
     Raises:
         MachineError: the process ended instead.
@@ -66,12 +60,13 @@ def call_fixture(fixture: Callable[_In, Any], *sizes: _In.args, **named: _In.kwa
         raise MachineError(
             "the solid modeller (cadquery)",
             f"its process ended with exit code {crash.code}: {crash.said.rstrip('.')}",
-            "Leave mount and STEP out (--mount none), or install cadquery anew; knotfab doctor says what "
+            "Leave the mount out (--mount none), or install cadquery anew; knotfab doctor says what "
             "this machine lacks",
         ) from None
     if "error" in answer:
         raise ValueError(answer["error"])
-    return answer["answer"]
+    vertices, faces = answer["answer"]
+    return np.array(vertices), np.array(faces, dtype=np.int32)
 
 
 def rest_modeller() -> None:

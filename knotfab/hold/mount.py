@@ -13,10 +13,10 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.foot_plate import ears_mm, plan_foot_plate
-from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, hang_fixtures, plan_hang
+from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, plan_hang
 from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
 from knotfab.hold.stand import StandMount, StandSettings, plan_stand
-from knotfab.hold.wall import WallMount, plan_wall, wall_bodies, wall_fixtures
+from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera, CurvedWall, camera_of
 from knotfab.scene.require import require_mount
@@ -157,15 +157,6 @@ class Mounted:
     def solids(self) -> list[Manifold]:
         """The bodies as solids, for drawings of them."""
         return [as_manifold(body) for body in self.bodies]
-
-    def fixtures(self, camera: Camera) -> list[Fixture]:
-        """List the mount's solids, in scene coordinates; `camera` is the first view's."""
-        if self.wall is not None:
-            groups = wall_fixtures(self.wall, camera, max(len(self.scene.mount.pegs), 1))
-            return [fixture for group in groups for fixture in group]
-        if self.stand is not None:
-            return stand_fixtures(self.stand)
-        return [] if self.hang is None else hang_fixtures(self.hang)
 
     @property
     def moves(self) -> Array | None:

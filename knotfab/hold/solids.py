@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -44,17 +44,6 @@ class Fixture:
             self.motion
         )
         return solid if self.above is None else solid.trim_by_plane(*self.above)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Describe the solid for `knotfab_fixtures.step.write_solids`."""
-        return {
-            "module": self.of.__module__,
-            "fixture": self.of.__name__,
-            "sizes": [float(size) for size in self.sizes],
-            "named": {name: float(size) for name, size in self.named.items()},
-            "motion": self.motion.tolist(),
-            "above": self.above and (self.above[0].tolist(), float(self.above[1])),
-        }
 
 
 def motion_along(axis: Array, point: Array, helper: Array | None = None) -> Array:

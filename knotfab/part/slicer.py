@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import re
 import shlex
 import shutil
 import threading
 import time
-from base64 import b64encode
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from textwrap import wrap
 
 import numpy as np
-from PIL import Image, ImageOps
 
 from knotfab.base.disk import temporary_folder
 from knotfab.geometry.tube import box_of
@@ -73,9 +69,7 @@ class SlicerQueue:
         self._ended.set()
         self._threads.shutdown(cancel_futures=True)
 
-    def submit(
-        self, part_3mf: Path, scene: ResolvedScene, kept_png: bytes = b""
-    ) -> Future[Sliced | NotSliced]:
+    def submit(self, part_3mf: Path, scene: ResolvedScene) -> Future[Sliced | NotSliced]:
         """Queue a file that `write_3mf` wrote. Arguments are as for `slice_part`."""
         return self._threads.submit(
             slice_part,
@@ -86,7 +80,6 @@ class SlicerQueue:
             self._program,
             self._ended,
             self._hear,
-            kept_png,
         )
 
     def _hear(self, said: str) -> None:
@@ -104,7 +97,6 @@ def slice_part(
     program: str | None = None,
     stop: threading.Event | None = None,
     hear: Callable[[str], None] | None = None,
-    kept_png: bytes = b"",
 ) -> Sliced | NotSliced:
     """Slice a written part with the profile that lies beside it, and compare the G-code with it.
 
@@ -118,7 +110,6 @@ def slice_part(
         timeout_s: for both runs of the program together.
         program: path of PrusaSlicer; the one on the path by default.
         stop: ends the program when it is set. hear: called with what it prints while it slices.
-        kept_png: a picture of the part; with it, the G-code is kept beside the file.
 
     Raises:
         ValueError: the file is not a 3MF.
@@ -132,11 +123,7 @@ def slice_part(
     with temporary_folder("knotfab-slicer-", work) as own:
         for path in (part_3mf, part_3mf.with_name(PROFILE)):
             shutil.copyfile(path, own / path.name)
-        job = _Job(program, own, part_3mf.name, scene, timeout_s, stop, hear)
-        result = job.run()
-        if kept_png and isinstance(result, Sliced):
-            copy_with_pictures(job.written, part_3mf.with_name(job.written.name), kept_png)
-        return result
+        return _Job(program, own, part_3mf.name, scene, timeout_s, stop, hear).run()
 
 
 class _Job:
@@ -230,42 +217,3 @@ def _quote(ended: Ended) -> str:
     said = [*read_warnings(ended.err), *read_warnings(ended.out)]
     text = "; ".join(" ".join(warning.text.split()) for warning in said)
     return text if len(text) <= MOST_QUOTED else text[:MOST_QUOTED] + " …"
-
-
-# width, height, format: what the screens of Prusa's printers read (QOI; PNG by older ones), and what
-# Klipper's and OctoPrint's pages do (PNG)
-SIZES = (
-    (16, 16, "QOI"),
-    (313, 173, "QOI"),
-    (440, 240, "QOI"),
-    (32, 32, "PNG"),
-    (220, 124, "PNG"),
-    (300, 300, "PNG"),
-)
-_TAGS = {"QOI": "thumbnail_QOI", "PNG": "thumbnail"}
-_ROW = 78  # signs of a comment's line
-
-
-def copy_with_pictures(gcode: Path, target: Path, png: bytes) -> None:
-    """Copy a G-code to `target`, with a picture in all `SIZES` behind its first line.
-
-    Args:
-        png: the picture, which is fitted into each size on the colour of its first pixel.
-    """
-    picture = Image.open(io.BytesIO(png)).convert("RGB")
-    with gcode.open("rb") as source, target.open("wb") as copy:
-        copy.write(source.readline())
-        for width, height, kind in SIZES:
-            copy.write(_comment(picture, width, height, kind).encode("ascii"))
-        shutil.copyfileobj(source, copy)
-
-
-def _comment(picture: Image.Image, width: int, height: int, kind: str) -> str:
-    paper = "#" + picture.crop((0, 0, 1, 1)).tobytes().hex()
-    small = ImageOps.pad(picture, (width, height), color=paper)
-    packed = io.BytesIO()
-    small.save(packed, kind)
-    text = b64encode(packed.getvalue()).decode("ascii")
-    rows = "\n".join(f"; {row}" for row in wrap(text, _ROW))
-    tag = _TAGS[kind]
-    return f"\n;\n; {tag} begin {width}x{height} {len(text)}\n{rows}\n; {tag} end\n;\n"

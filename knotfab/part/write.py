@@ -176,7 +176,6 @@ def write_glb(
 # What files say of the piece: its title, how to light it, and a small picture.
 
 THUMBNAIL_PX = 300  # side of the picture in part.3mf
-GCODE_PX = 480  # G-code has smaller copies of this picture
 
 
 def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:

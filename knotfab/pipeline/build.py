@@ -70,7 +70,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         from knotfab.pipeline.held import Workshop, make_piece
 
         slicer = stack.enter_context(SlicerQueue(jobs=jobs))
-        stack.enter_context(keep_modeller(mounted or "step" in request.also))
+        stack.enter_context(keep_modeller(mounted))
         shop = Workshop(targets, folder, verifier, slicer, progress)
         left = request.budget(progress.total, mounted)
         if film:

@@ -212,10 +212,6 @@ class BuildOptions(PictureOptions):
     a build always does."""
     colours: Annotated[Flag, Parameter(group=OUTPUT)] = False
     """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
-    also: Annotated[Names, Parameter(group=OUTPUT)] = ()
-    """Also write files for other tools: svg, dxf, step, gcode, or several (svg,step). Centre lines for
-    cutters, plotters and CAD; with svg the outlines of shadows, with step tubes and mount as solids. gcode
-    keeps what PrusaSlicer makes of the part, with pictures for the printer's screen."""
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
     """Leave out these checks, such as shadow-render."""
     quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False

@@ -27,7 +27,7 @@ from knotfab.picture.source import TEXT_PREFIX, plain_name
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
-from knotfab.pipeline.read_options import read_also, read_scene, read_seconds, read_skips
+from knotfab.pipeline.read_options import read_scene, read_seconds, read_skips
 from knotfab.request import Request
 from knotfab.scene.require import (
     require_mount,
@@ -60,7 +60,7 @@ def prepare_build(
     Raises:
         InputError: an option, the scene or a picture is wrong.
     """
-    skipped, also = read_skips(options.skip), read_also(options.also)
+    skipped = read_skips(options.skip)
     if options.no_loop and not options.sequence:
         raise InputError(
             "--no-loop", "one piece has no last frame", "Leave it out, or add --sequence."
@@ -71,9 +71,6 @@ def prepare_build(
     scene, otherwise, why = choose_supports(call.scene, call.targets, printing)
     told = (f"It gets the slicer's supports: {why}.",) if why else ()
     call = replace(call, scene=scene, lines=(*call.lines, *told))
-    if "gcode" in also and (not printing or "slicer" in skipped):
-        remedy = "Add --print." if not printing else "Leave out --skip slicer."
-        raise InputError("--also gcode", "nothing is sliced in this build", remedy)
     if budget is not None:
         require_budget(
             budget,
@@ -112,7 +109,6 @@ def prepare_build(
         time_budget_s=budget,
         command=command,
         colours=options.colours,
-        also=also,
         sequence=options.sequence,
         targets=call.targets,
         preview=(*describe(found, exact=options.verbose), *call.lines),
@@ -149,7 +145,6 @@ def check_options(options: BuildOptions) -> None:
         InputError: naming the option.
     """
     read_skips(options.skip)
-    read_also(options.also)
     if options.time_budget is not None:
         read_seconds(options.time_budget)
     read_scene(options)

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -21,7 +21,6 @@ from knotfab_formats.scene import ResolvedScene, Scene
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings, search_settings
 from knotfab_formats.views import Switches, View
 
-Format = Literal["svg", "dxf", "step", "gcode"]
 _TIME = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)\s*")
 _MOST_S = 100 * 86400.0  # a hundred days
 _SECONDS = {"": 1.0}
@@ -82,19 +81,6 @@ def read_skips(names: Collection[str]) -> frozenset[str]:
                 f"--skip {name}", "there is no such check", f"Known: {', '.join(CHECKS)}."
             )
     return frozenset(names)
-
-
-def read_also(texts: Collection[str]) -> frozenset[str]:
-    """Read the formats given to `--also`, separated by commas.
-
-    Raises:
-        InputError: there is no such format.
-    """
-    names = frozenset(name.strip().lower() for text in texts for name in text.split(","))
-    for name in sorted(names - set(get_args(Format))):
-        known = ", ".join(get_args(Format))
-        raise InputError(f"--also {name}", "there is no such format", f"Known: {known}.")
-    return names
 
 
 def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:

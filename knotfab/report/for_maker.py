@@ -34,22 +34,11 @@ _NO_WORDS = "#words { display: none }"  # they stand beside it
 FILES = (
     (r"part(-\d+)?\.3mf", "for the slicer: the whole piece, in print pose"),
     (r"plate(-\d+)+\.3mf", "for the slicer: what is printed in one go"),
-    (
-        r"(part|plate)(-\d+)*\.gcode",
-        "for the printer: sliced with slicer.ini, with pictures for its screen",
-    ),
     (r"table-\d+\.3mf", "for the slicer: the frame that holds screen, piece and lamps"),
     (r"part-colours(-\d+)?\.3mf", "the same, its bodies by name and colour"),
     (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),
     (r"setup(-\d+)?\.pdf", "where piece, wall and lamp stand, with dimensions"),
     (r"drill-template-\w+(-\d+)?\.pdf", "the holes at full size: print it at 100 %"),
-    (
-        r"centre-lines(-\d+)?\.(dxf|svg)",
-        "the centre lines in the shadow, at full size: a layer a knot",
-    ),
-    (r"shadow-[^./]+\.svg", "the shadow's outline at full size, for cutters"),
-    (r"part(-\d+)?\.step", "for CAD: tubes and mount as solids that overlap where they join"),
-    (r"centre-lines(-\d+)?\.step", "for CAD: the centre lines as splines"),
     (r"part(-\d+)?\.glb", "for phones and 3D viewers, as it hangs or stands"),
     (r"part(-\d+)?\.stl", "the mesh that was verified, in mm"),
     (r"turn\.gif", "the shadow while the piece turns under one lamp"),
@@ -175,14 +164,6 @@ OPENING = (
     "OrcaSlicer therefore say that it is not from them and that they load its geometry only: that is "
     "right. Choose printer, filament and supports there; slicer.ini has them for PrusaSlicer."
 )
-
-
-def tell_kept(result: Sliced | NotSliced | None) -> list[str]:
-    """Say why the folder holds no G-code, though it was asked for; nothing if it does."""
-    if not isinstance(result, NotSliced):
-        return []
-    remedy = f" {result.remedy}" if result.remedy else ""
-    return [f"No G-code is kept: {result.reason.rstrip('.')}.{remedy}"]
 
 
 def tell_unsliced(result: Sliced | NotSliced | None) -> list[str]:

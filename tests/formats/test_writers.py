@@ -32,8 +32,8 @@ ALLOWED = {
         [
             *("base/folder.py:OutputFolder._probe", "base/folder.py:OutputFolder.write"),
             *("base/moves.py:move_all", "base/moves.py:seal", "base/moves.py:sync"),
-            *("part/files.py:_write_model", "part/files.py:write_dxf", "part/files.py:write_stl"),
-            *("part/files.py:write_svg", "part/slicer_profile.py:write_profile"),
+            *("part/files.py:_write_model", "part/files.py:write_stl"),
+            "part/slicer_profile.py:write_profile",
             *(
                 "part/write.py:write_glb",
                 "render/pages.py:write_pages",
@@ -47,7 +47,7 @@ ALLOWED = {
     **dict.fromkeys(
         [
             *("api.py:_file_of", "apps/tradeoff/bench.py:run_all.beside"),
-            *("part/slicer.py:copy_with_pictures", "part/slicer.py:slice_part"),
+            "part/slicer.py:slice_part",
             *("part/slicer_process.py:run_limited", "picture/frames.py:_of_animation"),
             *("pipeline/strangers.py:_read_obj", "pipeline/strangers.py:answer"),
         ],

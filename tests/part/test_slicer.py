@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import re
 import shutil
 import subprocess
 import sys
@@ -13,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from slicer_parts import Mesh, box, gcode_text, scene_of, write_boxes
 
 from knotfab.geometry.tube import sweep
@@ -22,7 +18,7 @@ from knotfab.part import slicer_process as find
 from knotfab.part import slicer_process as process
 from knotfab.part.files import About, write_coloured_3mf
 from knotfab.part.gcode import read_gcode
-from knotfab.part.slicer import SIZES, SlicerQueue, slice_part
+from knotfab.part.slicer import SlicerQueue, slice_part
 from knotfab.part.slicer_process import REMEDY, NotSliced, Sliced, find_slicer
 from knotfab.part.slicer_profile import write_profile
 
@@ -381,32 +377,6 @@ def test_how_far_it_is_is_told_while_it_slices(tmp_path: Path) -> None:
         assert queue.done == 0.7 and not slicing.done()
         (tmp_path / "on").touch()
         assert isinstance(slicing.result(), Sliced)
-
-
-def test_a_gcode_that_is_kept_has_pictures_behind_its_first_line(tmp_path: Path) -> None:
-    """Pillow decodes each picture in the size that PrusaSlicer's form tells; the moves are as they were."""
-    program = _fake(tmp_path / "bin", COPY)
-    part = write_boxes(tmp_path / "part.3mf", CUBE)
-    drawn = io.BytesIO()
-    Image.new("RGB", (60, 60), (200, 30, 30)).save(drawn, "PNG")
-    found = slice_part(part, scene_of(), tmp_path, program=program, kept_png=drawn.getvalue())
-    assert isinstance(found, Sliced)
-    text, own = (tmp_path / "part.gcode").read_text(), (tmp_path / "bin/good.gcode").read_text()
-    block = re.compile(r"\n;\n; (thumbnail\w*) begin (\d+)x(\d+) (\d+)\n(.*?)\n; \1 end\n;\n", re.S)
-    pictures = block.findall(text)
-    assert block.sub("", text) == own and read_gcode(tmp_path / "part.gcode").time_s == found.time_s
-    assert [(int(w), int(h)) for _, w, h, *_ in pictures] == [(w, h) for w, h, _ in SIZES]
-    for (tag, width, height, length, rows), (*_, kind) in zip(pictures, SIZES, strict=True):
-        packed = "".join(row.removeprefix("; ") for row in rows.split("\n"))
-        assert len(packed) == int(length) and max(map(len, rows.split("\n"))) <= 80
-        image = Image.open(io.BytesIO(base64.b64decode(packed)))
-        assert image.format == kind and (tag == "thumbnail_QOI") == (kind == "QOI")
-        assert image.size == (int(width), int(height))
-        assert image.convert("RGB").getpixel((0, 0)) == (200, 30, 30)
-    (tmp_path / "part.gcode").unlink()
-    slice_part(part, scene_of(), tmp_path, program=program)
-    slice_part(part, scene_of(), tmp_path, program=_fake(tmp_path / "bad", "exit 1"), kept_png=b"x")
-    assert not (tmp_path / "part.gcode").exists()
 
 
 def test_its_own_home_and_no_display(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

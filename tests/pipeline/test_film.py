@@ -75,7 +75,6 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         printing=True,
         sequence=True,
         command="test",
-        also=frozenset({"svg", "dxf", "step"}),
         skip=frozenset({"shadow-render"}),  # the exact polygons decide
     )
     return build(request)
@@ -103,8 +102,6 @@ def test_a_sequence_passes_and_writes_its_files(outcome: Outcome) -> None:
         } <= names
         assert {f"scene-{number}.toml", f"picture-frame-{number}.png"} <= names
         assert {f"shadow-frame-{number}.png", f"compare-frame-{number}.png"} <= names
-        assert {f"shadow-frame-{number}.svg", f"part-{number}.step"} <= names
-        assert {f"centre-lines-{number}.{kind}" for kind in ("svg", "dxf", "step")} <= names
     assert {"report.json", "report.html"} <= names
     page = (outcome.folder / "report.html").read_text(encoding="utf-8")
     linked = re.findall(r'href="([^"#]+)"', page)
@@ -185,8 +182,7 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
     rejected = out / "rejected"
     assert {p.name: p.read_bytes() for p in out.iterdir() if p != rejected} == before
     marked = {"failures-01.png", "failures-02.png"}  # the parts, with the places that fail
-    also = {name for name in before if re.match(r"centre-lines|shadow.*svg|part.*step", name)}
-    assert set(before) - also == {p.name for p in rejected.iterdir()} - marked
+    assert set(before) == {p.name for p in rejected.iterdir()} - marked
     for name in ("part-01.stl", "part-02.stl", "knots-02.json", "picture-frame-02.png"):
         assert (rejected / name).read_bytes() == before[name], name
     report = json.loads((rejected / "report.json").read_text())

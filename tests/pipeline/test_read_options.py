@@ -287,7 +287,7 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
 ) -> None:
     """The picture is light on dark, in 16 bits of grey."""
     modelled: list[object] = []
-    monkeypatch.setattr("knotfab.hold.modeller.call_fixture", lambda *a, **_: modelled.append(a))
+    monkeypatch.setattr("knotfab.hold.solids.model_fixture", lambda *a, **_: modelled.append(a))
     png = tmp_path / "deep.png"
     Image.fromarray(np.where(two_pieces(), 60000, 300).astype(np.uint16)).save(png)
     out = tmp_path / "out"

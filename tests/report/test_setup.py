@@ -25,7 +25,6 @@ from knotfab.report.for_maker import (
     advise_lamp,
     check_slicing,
     report_slicing,
-    tell_kept,
     with_slicing,
 )
 from knotfab.report.setup import draw_sheets, shadow_outlines, write_setup
@@ -391,9 +390,3 @@ def test_the_notice_of_other_slicers_is_explained() -> None:
         assert word in OPENING
     assert with_slicing(PRINT, None).opening == with_slicing(PRINT, GOOD).opening == OPENING
     assert report_slicing(GOOD).command == GOOD.command
-
-
-def test_gcode_that_is_asked_for_and_not_there_is_told() -> None:
-    missing = NotSliced("missing", "PrusaSlicer is not installed", "Install it.")
-    assert tell_kept(missing) == ["No G-code is kept: PrusaSlicer is not installed. Install it."]
-    assert tell_kept(GOOD) == tell_kept(None) == []

@@ -253,10 +253,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     )
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render", "slicer"})
-    also = frozenset({"svg", "dxf", "step"})
-    request = Request(
-        resolve(scene), pictures, tmp_path / "out", printing=True, skip=skip, also=also
-    )
+    request = Request(resolve(scene), pictures, tmp_path / "out", printing=True, skip=skip)
     outcome = build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]
@@ -271,7 +268,6 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     assert len(report["settings"]["start_ious"]) == 2
     there = {path.name for path in (tmp_path / "out").iterdir()}
     assert {f"{kind}-v{n}.{suffix}" for kind, suffix in FILES_OF_A_VIEW for n in (0, 1)} <= there
-    assert {"part.step", *(f"centre-lines.{kind}" for kind in also)} <= there
 
 
 def test_a_circle_start_is_simple_in_one_view() -> None:
