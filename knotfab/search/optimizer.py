@@ -170,30 +170,31 @@ def descend(
     """Minimise `objective` from `points` (N, 3), mm, keeping the knot type.
 
     Args:
-        objective: returns its value and gradient (N, 3), which enter torch's graph as one node.
+        objective: returns its value and gradient (N, 3) in closed form.
         report: called each iteration with (share done, points).
         done: ends the flow early when it returns True.
         between: called before each step with (points, near, iteration, progress).
-        terms: torch functions of the vertices, whose values are added to the loss.
+        terms: torch functions of the vertices, whose values are added to the loss by autograd.
     """
     took_part("numba", "ran the loops of pictures and limits")
     vertices = torch.from_numpy(points.copy()).requires_grad_()
     optimizer = CertifiedFlow(vertices, rings, radius, settings, separation)
     result = optimizer.result
 
-    def loss_at(vertices: Tensor) -> Tensor:
-        value, gradient = objective(result.points, optimizer.near, optimizer.progress)
-        return sum((term(vertices) for term in terms), known(value, (vertices, gradient)))
-
     for iteration in range(settings.iterations):
         progress = optimizer.progress
         if between is not None:
             between(result.points, optimizer.near, iteration, progress)
-        optimizer.zero_grad()
-        loss = loss_at(vertices)
-        loss.backward()  # type: ignore[no-untyped-call]
+        value, gradient = objective(result.points, optimizer.near, progress)
+        if terms:
+            optimizer.zero_grad()
+            loss = sum((term(vertices) for term in terms), known(value, (vertices, gradient)))
+            loss.backward()  # type: ignore[no-untyped-call]
+            value = loss.item()
+        else:  # a graph of one node would only hand the gradient over
+            vertices.grad = torch.from_numpy(gradient)
         optimizer.step()
-        result.losses.append(loss.item())
+        result.losses.append(value)
         if report is not None:
             report(progress, result.points)
         if done is not None and iteration % 10 == 9 and done(result.points):
