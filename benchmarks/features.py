@@ -221,13 +221,6 @@ ROWS: tuple[Row, ...] = (
         options=(("free", "view"),),
         refused=(("coloured lamps", "the screen"),),
     ),
-    Row(
-        "CUDA",
-        "install.md",
-        lambda f: f.report["settings"]["device"] == "cuda",
-        options=(("device", "cuda"),),
-        passes=False,
-    ),
 )
 
 
@@ -321,9 +314,7 @@ def build_cell(cell: Cell, folder: Path) -> tuple[bool, str]:
         wanted = cell.refusal
         return wanted is not None and wanted in str(error), f"refused: {error}"
     except knotfab.MachineError as error:
-        # only a device may be lacking here: the same code, which knows of no device, runs on the CPU
-        lacking = cell.row.name == "CUDA"
-        return lacking, f"not here: {error}" if lacking else str(error)
+        return False, str(error)
     except knotfab.SceneError as error:
         return False, str(error)
     if cell.refusal is not None:
@@ -358,7 +349,7 @@ def _table(results: Mapping[Cell, Result]) -> str:
                 words.append("not run")
                 continue
             good, said = result[0], result[1].partition(". ")[0]  # without the remedy
-            if good and said.startswith(("refused", "not here")):
+            if good and said.startswith("refused"):
                 notes += [] if said in notes else [said]
                 words.append(f"{said.split(':')[0]} [{notes.index(said) + 1}]")
             elif good:

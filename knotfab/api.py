@@ -261,7 +261,7 @@ def search_knots(
     # vertices as close together as the outline's limit needs them
     fine = refine_settings(question, _settings_for(question, accuracy, settings), radius)
     own = tuple(
-        t if isinstance(t, Term) else TorchTerm(t, device, _name_of(t, n))
+        t if isinstance(t, Term) else TorchTerm(t, _name_of(t, n))
         for n, t in enumerate(terms, start=1)
     )
     return search(question.problem, start, radius, fine, terms=own, device=device)

@@ -45,13 +45,12 @@ class TargetView:
         self,
         radius: float,
         pixels: int,
-        device: str = "cpu",
         precision: Precision = "single",
         renderer: Renderer = "ray",
     ) -> ViewImage:
         """Return the picture, `pixels` on its longer side, for a tube of `radius` mm."""
-        given = (radius, pixels, device, precision, renderer)
-        if device != "cpu" or renderer != "ray":
+        given = (radius, pixels, precision, renderer)
+        if renderer != "ray":
             return image_at(self.view, self.mask, *given, ends=self.ends)
         if given not in self._images:  # each phase of a search asks for the same
             self._images[given] = image_at(self.view, self.mask, *given, ends=self.ends)

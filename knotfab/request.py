@@ -12,7 +12,7 @@ from knotfab.base.errors import MachineError
 from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
-from knotfab_formats.errors import plain
+from knotfab_formats.errors import InputError, plain
 from knotfab_formats.report import Report
 from knotfab_formats.scene import ResolvedScene
 
@@ -86,19 +86,26 @@ class Outcome(InNotebook):
         return dict(plain(self.found))
 
 
-def require_device(name: str) -> None:
-    """Refuse a device that this machine lacks.
+def require_device(request: Request) -> None:
+    """Refuse a device that nothing of the build runs on, or that this machine lacks.
 
     Raises:
-        MachineError: torch finds no such device.
+        InputError: only the flow searches, which compiled loops do on the CPU. MachineError: torch finds no
+            such device.
     """
-    if name == "cpu":
+    if request.device == "cpu":
         return
+    if request.scene.settings.method == "flow":
+        raise InputError(
+            f"--device {request.device}",
+            "only the paper's network runs there",
+            "Leave it out, or search with the network (--search inn or --search inn+flow).",
+        )
     import torch
 
     if not torch.cuda.is_available():
         raise MachineError(
-            f"--device {name}",
+            f"--device {request.device}",
             "torch finds no CUDA device here",
             "Use --device cpu, or install a torch with CUDA (knotfab doctor says what is here).",
         )

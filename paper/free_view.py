@@ -92,7 +92,7 @@ def designs(names: list[str]) -> None:
         fixed = search(problem, start, radius, settings)
         fixed_s = watch.cpu_s
         pose, settings_free = start_pose(question.scene, problem, radius, settings, "cpu")
-        result = search(problem, start, radius, settings_free, pose=pose, device="cpu")
+        result = search(problem, start, radius, settings_free, pose=pose)
         free_s = watch.cpu_s - fixed_s
         n = result.numbers
         assert n is not None

@@ -83,7 +83,7 @@ def run(
     watch = Stopwatch()
     start = make_start(problem, radius, settings, template=template)
     plan = replace(plan_of(settings), repairs=repairs)
-    result = search(problem, start, radius, settings, plan=plan, device="cpu")
+    result = search(problem, start, radius, settings, plan=plan)
     return Run(way, scale, repairs, watch.cpu_s, result)
 
 

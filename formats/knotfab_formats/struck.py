@@ -30,8 +30,10 @@ OPTIONS: dict[str, Struck] = {
     "--also": Struck(_ALSO),
     "--tone": Struck(_GREYS, nothing=("off",)),
     "--bender": Struck(_WIRE, nothing=("lra",)),
+    "tradeoff --device": Struck("Leave it out: the search runs on the CPU", nothing=("cpu",)),
 }
-"""Options of the command line by name; for callers of the library, without hyphens."""
+"""Options of the command line by name ("COMMAND --name" if only one command lost it); for callers of the
+library, without hyphens."""
 KEYS: dict[tuple[str, str], Struck] = {
     ("views", "tone"): Struck(_GREYS, nothing=("off",)),
     ("piece", "bender"): Struck(_WIRE, nothing=("lra",)),
@@ -72,7 +74,7 @@ def pass_options(arguments: Sequence[str]) -> list[str]:
         if word == "--":
             return [*left, word, *rest]
         name, given, value = word.partition("=")
-        gone = OPTIONS.get(name)
+        gone = OPTIONS.get(name) or OPTIONS.get(f"{arguments[0]} {name}")
         if gone is None:
             left.append(word)
             continue

@@ -279,7 +279,6 @@ def tradeoff(
     jobs: Whole = 1,
     combinations: Whole = 16,
     time_limit: str | None = None,
-    device: Literal["cpu", "cuda"] = "cpu",
     print_: Annotated[Flag, Parameter(name="--print")] = False,
     quiet: Flag = False,
 ) -> int:
@@ -306,8 +305,6 @@ def tradeoff(
         How many combinations to try after single settings; the better half of all goes on to more pictures.
     time_limit
         Stop after this time, and report what was measured until then: 30 (seconds), 10m or 1h.
-    device
-        Where the search runs.
     print_
         Measure what printing costs instead: whole builds with and without supports, on plates, at other
         depths, radii and accuracies, in PrusaSlicer's hours and grams.
@@ -331,9 +328,9 @@ def tradeoff(
     for picture in pictures:  # so that a file that is no picture is reported at once
         read_target(picture, chosen.views[0])
     if print_:
-        if (repeats, jobs, device) != (1, 1, "cpu"):
-            words = "it builds each way once, one after another, on the CPU"
-            raise InputError("--print", words, "Leave out --repeats, --jobs and --device")
+        if (repeats, jobs) != (1, 1):
+            words = "it builds each way once, one after another"
+            raise InputError("--print", words, "Leave out --repeats and --jobs")
         from knotfab.apps.tradeoff.prints import print_ways, weigh_prints
 
         given = {key: value for key, value in asked.items() if value is not None}
@@ -351,7 +348,6 @@ def tradeoff(
             pictures,
             out,
             repeats=repeats,
-            device=device,
             progress=progress,
             jobs=jobs,
             limit_s=limit_s,

@@ -117,7 +117,7 @@ def design_knots(
         with progress.stage("calibrate"):
             settings = _calibrate(problem, start, radius, settings, budget, device)
     with progress.stage("search"):
-        pose, settings = _free_views(question, radius, settings, device)
+        pose, settings = _free_views(question, radius, settings)
         pace = None if budget is None else Pace(budget.search_s)
         walk = partial(
             search,
@@ -151,7 +151,7 @@ def design_knots(
             start, result, history = braced, again, past
         unmet = None if result.feasible else result
         if unmet is not None:
-            result = search_sparser(problem, radius, knots, settings, device) or unmet
+            result = search_sparser(problem, radius, knots, settings) or unmet
             if result is not unmet:
                 result.add_work(unmet)
     if settings.free_view:
@@ -163,7 +163,7 @@ def design_knots(
         # after a retry or with free views these states do not lead to the result
         history=() if unmet or settings.free_view else tuple(history.states),
     )
-    return price_design(made, question, start, unmet, progress, device, budget)
+    return price_design(made, question, start, unmet, progress, budget)
 
 
 def _plan(
@@ -197,13 +197,13 @@ def _calibrate(
 
 
 def _free_views(
-    question: Question, radius: float, settings: SearchSettings, device: str
+    question: Question, radius: float, settings: SearchSettings
 ) -> tuple[Pose | None, SearchSettings]:
     """Return the pose or the directions to search for, if the settings leave them free."""
     if not settings.free_view:
         return None, settings
     if len(question.problem.views) == 1:
-        return start_pose(question.scene, question.problem, radius, settings, device)
+        return start_pose(question.scene, question.problem, radius, settings)
     from knotfab.search.free_pose import FreeDirections  # loads torch
 
     return FreeDirections(question.problem.views, radius, settings), settings
@@ -228,7 +228,6 @@ def price_design(
     start: Start | None,
     unmet: SearchResult | None,
     progress: Progress,
-    device: str = "cpu",
     budget: Budget | None = None,
 ) -> Design:
     """Add the prices of the limits to a design that misses its IoU or a limit.
@@ -257,7 +256,6 @@ def price_design(
             unmet or made.result,
             made.settings,
             question.roomy(),
-            device,
             None if unmet is None else made.result.iou_estimate,
         )
     feasibility = None if unmet is None else unmet.feasibility

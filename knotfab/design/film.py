@@ -234,9 +234,7 @@ class Chain:
         question = ask(_rename_view(within, target), [target])
         rings = first.knots.rings
         with progress.stage("search"):
-            ended = finish_frame(
-                first.result, rings, question.problem, radius, first.settings, [], self._device
-            )
+            ended = finish_frame(first.result, rings, question.problem, radius, first.settings, [])
         made = settle_design(question, ended.result, first.settings)
         made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
         return _Common(within, first.settings, radius), SequenceFrame(
@@ -278,7 +276,6 @@ class Chain:
             longest * max(1.0, areas[number] / areas[first]),
             list_ties(number, self._known, self._outlines),
             self._why,
-            self._device,
         )
         done = len(self._known)
         with self._progress.stage("search"):
@@ -288,7 +285,7 @@ class Chain:
         assert trial.ended is not None
         question = self._questions[number]
         made = settle_design(question, trial.ended.result, common.settings)
-        made = price_design(made, question, None, None, self._progress, self._device)
+        made = price_design(made, question, None, None, self._progress)
         return SequenceFrame(
             number,
             made,

@@ -72,7 +72,6 @@ def search_frame(
     settings: SearchSettings,
     taut_mm: float,
     anchors: Sequence[Anchor],
-    device: str = "cpu",
     report: Callable[[float, float | None], None] | None = None,
     still: bool = False,
 ) -> FrameResult:
@@ -99,7 +98,6 @@ def search_frame(
             terms=terms,
             plan=_plan(settings, ()),
             log=log,
-            device=device,
         )
         return FrameResult(result, _largest_excess(result, anchors), 0.0)
     # `finish_frame` adds vertices, which bend more where edges are uneven
@@ -125,7 +123,6 @@ def search_frame(
         terms=(*terms, Tautness(taut_mm, radius)),
         plan=_plan(settings, phases),
         log=log,
-        device=device,
         report=report,
     )
     return FrameResult(result, _largest_excess(result, anchors), moved.reached)
@@ -149,7 +146,6 @@ def finish_frame(
     radius: float,
     settings: SearchSettings,
     anchors: Sequence[Anchor],
-    device: str = "cpu",
 ) -> FrameResult:
     """Double the vertices of a frame for its part, and repair the limits that this breaks.
 
@@ -171,7 +167,6 @@ def finish_frame(
         terms=tuple(anchors),
         plan=_plan(settings, ()),
         log=log,
-        device=device,
     )
     result.add_work(earlier)
     return FrameResult(result, _largest_excess(result, anchors))
@@ -306,7 +301,6 @@ class Following:
     taut_mm: float
     ties: tuple[Tie, ...]
     why: str
-    device: str = "cpu"
 
     def search(
         self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
@@ -336,7 +330,6 @@ class Following:
             self.settings.scaled(attempt.effort),
             self.taut_mm,
             self._anchors({j: knots.points for j, knots in self.known.items()}, attempt.closes),
-            self.device,
             report,
             attempt.still,
         )
@@ -352,7 +345,6 @@ class Following:
             self.radius,
             self.settings,
             self._anchors(self.fine, attempt.closes),
-            self.device,
         )
 
     def _anchors(self, points: Mapping[int, NDArray[np.float64]], closes: bool) -> list[Anchor]:

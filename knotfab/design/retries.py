@@ -94,7 +94,6 @@ def price_limits(
     result: SearchResult,
     settings: SearchSettings,
     roomy: SettledRegion,
-    device: str = "cpu",
     iou: float | None = None,
 ) -> tuple[Price, ...]:
     """Price each binding limit in IoU of the worst view, dearest first, or all if none costs by itself.
@@ -107,7 +106,7 @@ def price_limits(
     here = result.iou_estimate if iou is None else iou
 
     def price(names: tuple[str, ...], free: Problem) -> Price:
-        other = search(free, start, radius, short, device=device)
+        other = search(free, start, radius, short)
         return _price(names, problem, other, result, here)
 
     found = [price((name,), free) for name, free in candidates.items()]
@@ -180,11 +179,7 @@ _WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands to try, in 
 
 
 def search_sparser(
-    problem: Problem,
-    radius: float,
-    knots: int | None,
-    settings: SearchSettings,
-    device: str = "cpu",
+    problem: Problem, radius: float, knots: int | None, settings: SearchSettings
 ) -> SearchResult | None:
     """Search with sparser strands until a result is feasible; return None if none is.
 
@@ -195,7 +190,7 @@ def search_sparser(
         radius: of the tube, mm. knots: as for `make_start`.
     """
     for asked, start, steps in _tries(problem, radius, knots, settings):
-        result = search(asked, start, radius, settings.but(**steps), device=device)
+        result = search(asked, start, radius, settings.but(**steps))
         if result.feasible:
             return result
     return None

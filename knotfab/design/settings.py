@@ -155,11 +155,7 @@ def _angles(key: str, text: str, count: int) -> list[float]:
 
 
 def start_pose(
-    scene: ResolvedScene,
-    problem: Problem,
-    radius: float,
-    settings: SearchSettings,
-    device: str = "cpu",
+    scene: ResolvedScene, problem: Problem, radius: float, settings: SearchSettings
 ) -> tuple[Any, SearchSettings]:
     """Return the pose of a single free view, and the settings that record where it starts.
 
@@ -172,7 +168,7 @@ def start_pose(
 
     free = tuple(name for name in ALL if name != "radius" or not given)
     bounds = Bounds(free, least_radius_mm=scene.printer.min_tube_radius_mm)
-    pose = FreePose(start, bounds, device=device)
+    pose = FreePose(start, bounds)
     if not given:
         settings = settings.but(free_radius_mm=radius)
     return pose, settings

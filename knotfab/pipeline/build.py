@@ -44,7 +44,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
     progress, film = progress or Progress("quiet"), request.sequence
-    require_device(request.device)
+    require_device(request)
     if film:
         require_sequence(request.scene)
     else:

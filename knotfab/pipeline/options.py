@@ -203,7 +203,7 @@ class BuildOptions(PictureOptions):
     start: Annotated[Path | None, Parameter(group=_SEARCH)] = None
     """Go on from these knots: the folder of a build, its knots.json, or a start.json."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
-    """Where the search runs."""
+    """Where the paper's network runs (--search inn or inn+flow)."""
 
     out: Annotated[Place | None, Parameter(group=OUTPUT)] = None
     """The folder to write; by default knotfab-out/NAME, after the picture."""

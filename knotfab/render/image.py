@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knotfab.base.apps import load_app
 from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.polylines import Polylines
 from knotfab.picture.silhouette import mask_iou, resample_mask, sample_mask
@@ -27,26 +28,26 @@ _HARD = 10.0  # per px: so sharp that half a pixel off an outline is empty
 class ViewImage:
     """One view's picture at the resolution of a phase: `target` (H, W) is the coverage of `frame`.
 
-    Compiled loops draw it, by ray distance; torch draws it on another device, or by the paper's renderers.
+    Compiled loops draw it, by ray distance; torch draws it by the paper's renderers.
     """
 
     frame: Frame
     target: NDArray[np.floating[Any]]  # the precision that pictures are drawn in
     sheet: Sheet  # the raster, for a pose that is an unknown
     radius_px: float  # projected tube radius
-    device: str = "cpu"
     renderer: Renderer = "ray"
 
     @cached_property
     def _drawn(self) -> DrawnImage | None:
-        if self.renderer == "ray" and self.device == "cpu":
+        if self.renderer == "ray":
             return None
-        from knotfab.render.device import draw_on
-
-        return draw_on(self.device, self.frame, self.target, self.renderer)
+        drawn: DrawnImage = load_app("outlines").draw_outlines(
+            self.frame, self.target, self.renderer
+        )
+        return drawn
 
     def from_frame(self, frame: Frame) -> ViewImage:
-        """Return the same picture seen from another frame. What is on a device stays there."""
+        """Return the same picture seen from another frame."""
         moved = replace(self, frame=frame)
         if self._drawn is not None:
             # a cached property keeps it so
@@ -88,7 +89,6 @@ def image_at(
     mask: Mask,
     radius: float,
     pixels: int,
-    device: str = "cpu",
     precision: Precision = "single",
     renderer: Renderer = "ray",
     ends: bool = False,
@@ -100,7 +100,7 @@ def image_at(
     frame, target, pixel_mm = _picture_at(view, mask, pixels, precision, ends)
     sheet = Sheet(frame.width, frame.height, pixel_mm, view.wall_tilt_deg)
     radius_px = radius * view.magnification / pixel_mm
-    return ViewImage(frame, target, sheet, radius_px, device, renderer)
+    return ViewImage(frame, target, sheet, radius_px, renderer)
 
 
 def _picture_at(

@@ -90,11 +90,7 @@ class FreePose:
     """The numbers of a view that Adam moves: angles in degrees, and logarithms of relative lengths."""
 
     def __init__(
-        self,
-        start: ViewNumbers,
-        bounds: Bounds,
-        dtype: torch.dtype = torch.float64,
-        device: str = "cpu",
+        self, start: ViewNumbers, bounds: Bounds, dtype: torch.dtype = torch.float64
     ) -> None:
         if not bounds.least_radius_mm <= start.radius_mm <= bounds.most_radius_mm:
             raise InputError(
@@ -105,16 +101,13 @@ class FreePose:
             )
         self.start, self.bounds = start, bounds
         turn = [start.azimuth_deg, start.elevation_deg, start.roll_deg]
-        self.turn_deg = torch.tensor(turn, dtype=dtype, device=device, requires_grad=True)
+        self.turn_deg = torch.tensor(turn, dtype=dtype, requires_grad=True)
         # of light, wall and radius
-        self.logs = torch.zeros(3, dtype=dtype, device=device, requires_grad=True)
+        self.logs = torch.zeros(3, dtype=dtype, requires_grad=True)
         lengths = [start.light_distance_mm, start.wall_distance_mm, start.radius_mm]
-        self._first_mm = torch.tensor(lengths, dtype=dtype, device=device)
+        self._first_mm = torch.tensor(lengths, dtype=dtype)
         self._first_turn = self.turn_deg.detach().clone()
-        self._mask = [
-            torch.tensor([n in bounds.free for n in part], device=device)
-            for part in (ALL[:3], ALL[3:])
-        ]
+        self._mask = [torch.tensor([n in bounds.free for n in part]) for part in (ALL[:3], ALL[3:])]
         self._adam = Adam(self.tensors, betas=(0.8, 0.95))
         self._of: object = None  # the picture that `_target` was made from
 
@@ -212,17 +205,17 @@ class FreePose:
         """Return the sharp image term of the one view at vertices (N, 3), differentiable by `tensors`."""
         image = objective.images[0]
         if self._of is not image.target:
-            target = torch.as_tensor(image.target, device=self.logs.device)
+            target = torch.as_tensor(image.target)
             target = target if image.renderer == "ray" else target.double()
             self._of, self._target = image.target, target
         target = self._target
         won = objective.won[0]
-        p = torch.as_tensor(points, dtype=target.dtype, device=target.device)
+        p = torch.as_tensor(points, dtype=target.dtype)
         if won is not None:
-            won = tuple(torch.as_tensor(x, device=target.device).long() for x in won)
+            won = tuple(torch.as_tensor(x).long() for x in won)
         error = squared_error(
             p,
-            p[torch.as_tensor(objective.rings.next, device=target.device)],
+            p[torch.as_tensor(objective.rings.next)],
             self.frame(image.sheet, target.dtype),
             self.lengths[2].to(target.dtype),
             _SHARP / image.radius_px,

@@ -63,7 +63,7 @@ def search(
             last, before which the knots are turned into the axes of a single view.
         pace: sets the iterations of each phase by the clock; None: as the settings say.
         log: the certified steps that led to the start, to be continued.
-        device: where the pictures are drawn and the network runs: "cpu" or "cuda".
+        device: where the paper's network runs: "cpu" or "cuda".
         plan: replaces the one that follows from the settings and the number of views.
         report: called with (share done, least IoU, which is measured now and then).
         watch: called each iteration with the present knots; it changes no result.

@@ -77,7 +77,7 @@ class SearchState:
     terms: tuple[Term, ...] = ()
     pose: Pose | None = None
     keep_vertices: bool = False
-    device: str = "cpu"
+    device: str = "cpu"  # where the paper's network runs
     balance: Balance | None = None
     numbers: ViewNumbers | None = None  # of the pose, once it is settled
     watch: Watch | None = None
@@ -121,7 +121,7 @@ class SearchState:
 
     def _images(self, pixels: int) -> tuple[ViewImage, ...]:
         asked = self.settings
-        given = (self.radius, pixels, self.device, asked.precision, asked.renderer)
+        given = (self.radius, pixels, asked.precision, asked.renderer)
         return tuple(v.image_at(*given) for v in self.problem.views)
 
     def objective(self, phase: Phase, loose: NDArray[np.bool_] | None = None) -> Objective:

@@ -27,10 +27,8 @@ class TorchTerm(Term):
         InputError: the function fails or returns no real scalar, or its value or gradient is not finite.
     """
 
-    def __init__(
-        self, function: Callable[[Tensor], Tensor], device: str = "cpu", name: str | None = None
-    ) -> None:
-        self._function, self._device = function, device
+    def __init__(self, function: Callable[[Tensor], Tensor], name: str | None = None) -> None:
+        self._function = function
         self.name = name or getattr(function, "__name__", type(function).__name__)
 
     def loss(self, points: Tensor) -> Tensor:
@@ -39,7 +37,7 @@ class TorchTerm(Term):
         if felt.requires_grad:
             felt.register_hook(self._require_finite)  # type: ignore[no-untyped-call]
         try:
-            value = self._function(felt.to(self._device))
+            value = self._function(felt)
         except Exception as error:
             raise self._fault(f"it fails ({type(error).__name__}: {error})", "Mend it.") from error
         if not isinstance(value, Tensor) or value.numel() != 1 or not value.is_floating_point():
@@ -52,7 +50,7 @@ class TorchTerm(Term):
                 "what it gives for the vertices is no finite scalar tensor",
                 "Keep it away from quotients of 0.",
             )
-        return value.reshape(()).to(points.device)
+        return value.reshape(())
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         points = torch.tensor(state.points, requires_grad=True)

@@ -245,14 +245,14 @@ def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> No
     assert "at least 0.8 mm" in refuse(1, *call)
 
 
-@pytest.mark.slow
-def test_a_device_that_is_not_there(bad: Path, tmp_path: Path) -> None:
+def test_a_device_for_the_flow_or_that_is_not_there(bad: Path, tmp_path: Path) -> None:
     import torch
 
-    if torch.cuda.is_available():
-        pytest.skip("this machine has a CUDA device")
     call = ["build", bad / "good.png", "--out", tmp_path / "out", "--device", "cuda"]
-    assert "no CUDA device" in refuse(3, *call)
+    assert "only the paper's network runs there" in refuse(2, *call)
+    assert not (tmp_path / "out").exists()
+    if not torch.cuda.is_available():
+        assert "no CUDA device" in refuse(3, *call, "--search", "inn")
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", "/proc/nope"])

@@ -197,16 +197,6 @@ def test_a_scene_of_two_views_is_no_sequence(tmp_path: Path) -> None:
     assert "2 views" in said
 
 
-def test_a_device_that_is_not_there(tmp_path: Path) -> None:
-    import torch
-
-    if torch.cuda.is_available():
-        pytest.skip("this machine has a CUDA device")
-    frames = _frames(tmp_path / "frames")
-    said = refuse(3, *CALL, frames, "--out", tmp_path / "out", "--device", "cuda")
-    assert "no CUDA device" in said
-
-
 def test_a_shorter_sequence_leaves_no_frames_of_the_one_before(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()

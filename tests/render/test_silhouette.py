@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from typing import cast
 
 import numpy as np
 import pytest
@@ -14,12 +13,11 @@ from oracles import assert_slope
 from torch import Tensor
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.picture.silhouette import resample_mask
 from knotfab.render import device as tensors
 from knotfab.render import silhouette
 from knotfab.render.capsules import capsule_distance, tensor_frame
-from knotfab.render.device import DeviceImage, render, squared_error
+from knotfab.render.device import render, squared_error
 from knotfab.render.image import image_at
 from knotfab.render.silhouette import Frame, frame_of
 from knotfab.render.tiled import render_tiled
@@ -189,41 +187,6 @@ def test_slopes_before_the_light_are_finite_differences() -> None:
         torch.as_tensor(target),
     )
     assert float(of_tensors) == pytest.approx(value(p)[0], rel=1e-12)
-
-
-@pytest.mark.parametrize("alone", [False, True])
-def test_a_view_looks_the_same_on_another_device(
-    alone: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The code that knows of no device draws it on the CPU by another name; alone, torch's own form does."""
-    if alone:
-        monkeypatch.setattr(tensors, "_torch_alone", lambda *_: True)
-    t = 2 * np.pi * np.arange(120) / 120
-    points = np.column_stack([30 * np.cos(t), 24 * np.sin(t), 8 * np.cos(3 * t)])
-    rings = polylines_of_sizes((120,))
-    y, x = np.mgrid[:60, :80]
-    mask = np.hypot(x - 40, y - 30) < 25
-    here = image_at(VIEW, mask, RADIUS, 96)
-    there = image_at(VIEW, mask, RADIUS, 96, "cpu:0")
-    won = [image.find_winners(points, rings, RADIUS, 1.25) for image in (here, there)]
-    assert all((np.asarray(a) == np.asarray(b)).all() for a, b in zip(*won, strict=True))
-    found = [
-        image.squared_error(points, rings, RADIUS, 1.0, w)
-        for image, w in zip((here, there), won, strict=True)
-    ]
-    assert found[0][0] == pytest.approx(found[1][0], rel=1e-5)
-    assert found[0][1] == pytest.approx(found[1][1], abs=1e-4 * np.abs(found[0][1]).max())
-    assert (here.seen(points, rings, RADIUS) == there.seen(points, rings, RADIUS)).all()
-    assert here.iou(points, rings, RADIUS) == there.iou(points, rings, RADIUS) > 0.1
-    # from elsewhere: what was brought to the device stays
-    turned = VIEW.model_copy(update={"azimuth_deg": 20.0})
-    aside = image_at(turned, mask, RADIUS, 96).frame
-    moved = [image.from_frame(aside) for image in (here, there)]
-    drawn = [cast(DeviceImage, image._drawn) for image in (moved[1], there)]
-    assert drawn[0].target is drawn[1].target
-    found = [image.squared_error(points, rings, RADIUS, 1.0) for image in moved]
-    assert found[0][0] == pytest.approx(found[1][0], rel=1e-5)
-    assert found[0][0] != pytest.approx(here.squared_error(points, rings, RADIUS, 1.0)[0], rel=1e-3)
 
 
 def test_places_are_rounded_alike_by_loops_and_by_numpy() -> None:

@@ -296,12 +296,12 @@ TINY = {
 @pytest.mark.build
 def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
     target = read_target("text:\u2665")
-    first = design_knots(resolve(Scene(search=TINY)), [target], device="cpu")
+    first = design_knots(resolve(Scene(search=TINY)), [target])
     view, found = first.scene.views[0], first.scene.search
     assert (found["free_light_mm"], found["free_wall_mm"]) == (500.0, 100.0)
     assert view.light_distance_mm != 500.0 and view.wall_distance_mm != 100.0
     assert first.scene.piece.tube_radius_mm == first.knots.radius_mm != found["free_radius_mm"]
-    again = design_knots(first.scene, [target], device="cpu")
+    again = design_knots(first.scene, [target])
     np.testing.assert_array_equal(first.knots.points, again.knots.points)
     assert again.scene == first.scene
 
@@ -313,7 +313,7 @@ def test_arches_stand_along_the_axis_of_a_view_found_before(plate: Any) -> None:
     target = read_target("text:\u2665")
     piece = Piece(supports="none", tube_radius_mm=5.0)
     scene = resolve(Scene(search=TINY, piece=piece, mount=Mount(kind="auto", plate=plate)))
-    made = design_knots(scene, [target], device="cpu")
+    made = design_knots(scene, [target])
     (view,), (ordinary,) = (
         made.scene.views,
         design_knots(without_arches(scene), [target]).scene.views,
@@ -321,7 +321,7 @@ def test_arches_stand_along_the_axis_of_a_view_found_before(plate: Any) -> None:
     assert view.light_distance_mm == ordinary.light_distance_mm != 500.0
     assert (view.wall_distance_mm == ordinary.wall_distance_mm) == (plate == "pegs")
     assert not made.scene.settings.free_view
-    again = design_knots(made.scene, [target], device="cpu")
+    again = design_knots(made.scene, [target])
     np.testing.assert_array_equal(made.knots.points, again.knots.points)
 
 
@@ -343,7 +343,7 @@ def test_a_time_budget_holds_for_a_free_view_too() -> None:
     )
     resolved = made.scene.search
     assert (resolved["free_light_mm"], resolved["free_wall_mm"]) == (500.0, 100.0)
-    again = design_knots(made.scene, [read_target("text:\u2665")], device="cpu")
+    again = design_knots(made.scene, [read_target("text:\u2665")])
     np.testing.assert_array_equal(made.knots.points, again.knots.points)
 
 

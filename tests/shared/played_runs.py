@@ -183,7 +183,6 @@ class FakeStudy:
 
     name: str
     content: str = ""
-    device: str = "cpu"
 
     def key(self, settings: SearchSettings, turn: int = 0) -> str:
         told = f"{self.name}{self.content}{settings}{turn}"

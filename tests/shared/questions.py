@@ -78,7 +78,7 @@ def start_and_search(
     if repairs is not None:
         plan = replace(plan, repairs=repairs)
     start = start or make_start(problem, radius, settings)
-    return search(problem, start, radius, settings, plan=plan, device="cpu", **more)
+    return search(problem, start, radius, settings, plan=plan, **more)
 
 
 QUICK = """

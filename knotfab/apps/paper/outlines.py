@@ -1,12 +1,12 @@
 """Render a view by the distance to outlines in the image plane, of capsules or of ellipses.
 
-The paper's renderers (section 3.3), with the interface of `DeviceImage`, for comparison with the ray
+The paper's renderers (section 3.3), with the interface of `DrawnImage`, for comparison with the ray
 distance. They run only in torch, in double precision, which conics need.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -20,9 +20,9 @@ from knotfab.apps.paper.ellipse import (
     outline_distance,
     support,
 )
-from knotfab.base.arrays import Real
+from knotfab.base.arrays import Array, Real
 from knotfab.geometry.polylines import Polylines
-from knotfab.render.device import DeviceImage
+from knotfab.render.capsules import tensor_frame
 from knotfab.render.silhouette import Frame, least_depth, number
 
 
@@ -64,15 +64,38 @@ class _Eye:
 
 
 @dataclass(frozen=True)
-class OutlineImage(DeviceImage):
-    """A picture [height, width] on a device, drawn by capsules along edges or ellipses at vertices."""
+class OutlineImage:
+    """A `DrawnImage` of a picture [height, width]: capsules along edges, or ellipses at vertices."""
 
+    frame: Frame
+    target: Tensor
     renderer: Literal["capsule", "ellipse"] = "capsule"
+
+    def from_frame(self, frame: Frame) -> OutlineImage:
+        """Return the same picture, seen from another frame of arrays."""
+        return replace(self, frame=tensor_frame(frame, self.target.dtype))
+
+    def squared_error(
+        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float, won: Any
+    ) -> tuple[float, Array]:
+        """Return the squared difference of tube and picture, and its gradient in the vertices (N, 3)."""
+        p, q = self._ends(points, rings, slopes=True)
+        error = ((self._image(p, q, radius, tau, cutoff, won) - self.target) ** 2).sum()
+        (slope,) = torch.autograd.grad(error, p)
+        return float(error.detach()), slope.numpy().astype(np.float64)
 
     def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Won:
         """Find which primitive is largest at each pixel within reach of one."""
         eye = self._eye(radius)
         return winners(*self._ends(points, rings), eye, radius, reach_px * eye.pitch)
+
+    def render(
+        self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
+    ) -> Real:
+        """Render the tube about vertices (N, 3)."""
+        with torch.no_grad():
+            image = self._image(*self._ends(points, rings), radius, tau, cutoff)
+        return np.asarray(image.numpy())
 
     def _image(
         self, p: Tensor, q: Tensor, radius: float, tau: float, cutoff: float, won: Won | None = None
@@ -80,17 +103,21 @@ class OutlineImage(DeviceImage):
         eye, ends = self._eye(radius), None if self.renderer == "ellipse" else q
         return render_outlines(p, ends, eye, radius, tau / eye.pitch, cutoff, won)
 
-    def _error(
-        self, p: Tensor, q: Tensor, radius: float, tau: float, cutoff: float, won: Any
-    ) -> Tensor:
-        return ((self._image(p, q, radius, tau, cutoff, won) - self.target) ** 2).sum()
-
     def _eye(self, radius: float) -> _Eye:
         return _Eye(self.frame, least_depth(radius) - radius)
 
     def _ends(self, points: Real, rings: Polylines, slopes: bool = False) -> tuple[Tensor, Tensor]:
-        p, q = super()._ends(points, rings, slopes)
-        return p, p if self.renderer == "ellipse" else q
+        p = torch.as_tensor(points, dtype=self.target.dtype)
+        p.requires_grad_(slopes)
+        return p, p if self.renderer == "ellipse" else p[torch.as_tensor(rings.next)]
+
+
+def draw_outlines(
+    frame: Frame, target: Real, renderer: Literal["capsule", "ellipse"]
+) -> OutlineImage:
+    """Return a picture, given with its frame as arrays, drawn by one of the paper's renderers."""
+    there = torch.as_tensor(target.astype(np.float64))
+    return OutlineImage(tensor_frame(frame, there.dtype), there, renderer)
 
 
 # images sigmoid(tau S) of the signed distance S to outlines

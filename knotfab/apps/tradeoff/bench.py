@@ -175,8 +175,7 @@ class Bench:
                     break
                 runs.append(merge_turns(known))
             if runs:
-                clock = "cpu" if self.studies[0].device == "cpu" else "wall"
-                found.append(Measured(point, tuple(runs), clock))
+                found.append(Measured(point, tuple(runs)))
         return found
 
     def _key(self, request: WantedRun) -> str:

@@ -44,7 +44,6 @@ class Study:
 
     name: str
     question: Question
-    device: str = "cpu"
 
     @cached_property
     def _digest(self) -> str:
@@ -59,7 +58,7 @@ class Study:
     def key(self, settings: SearchSettings, turn: int = 0) -> str:
         """Return a name for the run that is unique to picture, scene, settings, version and turn."""
         given = settings.model_dump(exclude={"iou_slack"})
-        text = json.dumps([self._digest, given, VERSION, self.device, turn])
+        text = json.dumps([self._digest, given, VERSION, turn])
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
@@ -91,12 +90,12 @@ class Run:
 
 
 def find_shadows(
-    problem: Problem, knots: Knots, device: str = "cpu", pixels: int = VERIFIED_PX
+    problem: Problem, knots: Knots, pixels: int = VERIFIED_PX
 ) -> list[tuple[Mask, Mask]]:
     """Render the round tube's shadow in each view. Returns (shadow, picture), `pixels` on the longer side."""
     found = []
     for view in problem.views:
-        image = view.image_at(knots.radius_mm, pixels, device)
+        image = view.image_at(knots.radius_mm, pixels)
         seen = image.seen(knots.points, knots.rings, knots.radius_mm)
         found.append((seen, image.target > 0.5))
     return found
@@ -142,7 +141,7 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
     question, radius, start, _ = choose_tube(study.question, settings, progress)
     problem, radius_s = question.problem, progress.timings.get("radius", 0.0)
     settings = refine_settings(question, settings, radius)
-    result = search(problem, start, radius, settings, device=study.device)
+    result = search(problem, start, radius, settings)
     feasible = result.feasible
     searched = time.perf_counter()
     faces = 0
@@ -155,12 +154,12 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
     search_s, sweep_s = searched - begun - radius_s, swept - searched
     facets, repairs = facet_error_px(problem, radius, settings.mesh_sides), result.log.repairs
     run = Run(radius, radius_s, search_s, sweep_s, cpu, feasible, repairs, faces, facets)
-    return _add_quality(run, problem, result.knots, study.device) if judge else run
+    return _add_quality(run, problem, result.knots) if judge else run
 
 
-def _add_quality(run: Run, problem: Problem, knots: Knots, device: str) -> Run:
+def _add_quality(run: Run, problem: Problem, knots: Knots) -> Run:
     """Add the quality of the knots to a run, as seen in the view that they draw worst."""
-    shadows = find_shadows(problem, knots, device)
+    shadows = find_shadows(problem, knots)
     number = min(range(len(shadows)), key=lambda k: mask_iou(*shadows[k]))
     worst, drawn = shadows[number], problem.views[number].view
     # nobody sees a gap between strands of half a tube radius or less

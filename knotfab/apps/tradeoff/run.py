@@ -94,7 +94,6 @@ def tradeoff(
     out: Path,
     base: Path | None = None,
     repeats: int = 1,
-    device: str = "cpu",
     progress: Progress | None = None,
     chosen: Sequence[Point] | None = None,
     jobs: int = 1,
@@ -116,7 +115,7 @@ def tradeoff(
     """
     scene = scene.but(views=scene.views[:1])
     targets = [read_target(source, scene.views[0], base=base) for source in sources]
-    studies = [Study(t.name, ask(scene, [t]), device) for t in targets]
+    studies = [Study(t.name, ask(scene, [t])) for t in targets]
     run = run_all(studies, jobs)
     return measure_tradeoff(
         studies, scene, out, run, repeats, progress, chosen, jobs, limit_s, combinations
@@ -179,14 +178,14 @@ def measure_tradeoff(
     found = Tradeoff(
         explored, steps, tuple(study.name for study in studies), jobs, tuple(bench.left_out), out
     )
-    content = to_dict(found, repeats, studies[0].device)
+    content = to_dict(found, repeats)
     write_whole(out / "tradeoff.json", json.dumps(content, indent=1).encode())
     write_whole(out / "tradeoff.png", draw(explored, found.title))
     write_whole(out / "tradeoff.html", render_page(explored, steps, found).encode())
     return found
 
 
-def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
+def to_dict(found: Tradeoff, repeats: int) -> dict[str, Any]:
     """Return the content of tradeoff.json."""
     explored = found.explored
     return {
@@ -197,7 +196,6 @@ def to_dict(found: Tradeoff, repeats: int, device: str) -> dict[str, Any]:
         "tube_radii_mm": found.radii_mm,
         "repeats": repeats,
         "jobs": found.jobs,
-        "device": device,
         "version": VERSION,
         "seconds": explored.middle.clock,
         "compared_over": explored.compared,

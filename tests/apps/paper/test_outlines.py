@@ -35,7 +35,7 @@ def tangle() -> Array:
 
 
 def image(renderer: Renderer, view: ResolvedView = VIEW) -> ViewImage:
-    return image_at(view, disc(), RADIUS, 96, "cpu", "double", renderer)
+    return image_at(view, disc(), RADIUS, 96, "double", renderer)
 
 
 def test_capsules_have_the_silhouette_of_rays() -> None:
@@ -77,7 +77,7 @@ def test_near_the_outline_the_errors_are_those_of_rays() -> None:
     assert cosine > 0.98
 
 
-def test_another_pose_keeps_the_renderer_and_its_device() -> None:
+def test_another_pose_keeps_the_renderer() -> None:
     turned = VIEW.model_copy(update={"azimuth_deg": 50.0})
     here, there = image("capsule"), image("capsule", turned)
     moved = here.from_frame(there.frame)

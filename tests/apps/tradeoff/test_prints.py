@@ -103,7 +103,7 @@ def test_without_a_slicer_there_are_no_hours(
         prints.weigh_prints(["a.png"], tmp_path, {}, QUIET)
 
 
-@pytest.mark.parametrize("words", [["--jobs", "2"], ["--repeats", "2"], ["--device", "cuda"]])
+@pytest.mark.parametrize("words", [["--jobs", "2"], ["--repeats", "2"]])
 def test_what_has_no_part_in_builds_is_refused(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
