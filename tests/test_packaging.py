@@ -66,7 +66,6 @@ def test_the_wheel_says_what_it_is(wheel: zipfile.ZipFile) -> None:
         "dask",
         "docs",
         "photo",
-        "mcp",
         "studio",
         "pathtracer",
         "test",

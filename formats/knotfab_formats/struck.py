@@ -49,6 +49,9 @@ VALUES: dict[tuple[str, str], dict[str, Struck]] = {
 }
 """Values of keys that are still there, by table and name."""
 COMMANDS: dict[str, Struck] = {}
+COMMANDS: dict[str, Struck] = {
+    "mcp": Struck("Call `knotfab preview --json` and `knotfab build --events -`, or the library.")
+}
 
 
 def refuse_command(arguments: Sequence[str]) -> None:

@@ -172,27 +172,6 @@ def studio(*, port: Whole = 0, no_open: Flag = False, out: Place = Path("knotfab
 @with_examples("""Examples:
 
 ```
-knotfab mcp --allow ~/pictures --allow ~/pieces
-```
-""")
-def mcp(*, allow: tuple[Place, ...] = ()) -> int:
-    """Serve preview, build, validate and shadow as tools for programs, over standard input and output (MCP).
-
-    Parameters
-    ----------
-    allow
-        A folder that the tools may read and write; may be repeated. By default the current folder. Relative
-        paths start from the first one.
-    """
-    with needs_extra("knotfab mcp", "mcp"):
-        from knotfab.apps.mcp.server import serve
-    serve(allow)
-    return 0
-
-
-@with_examples("""Examples:
-
-```
 knotfab compare wall.jpg knotfab-out/cat
 knotfab compare wall.jpg knotfab-out/cat --click
 knotfab compare wall.jpg knotfab-out/cat --corners 412,300 1630,322 1610,1490 395,1455

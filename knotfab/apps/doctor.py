@@ -35,7 +35,6 @@ LIBRARIES = (  # distribution, import name
 EXTRAS = (  # the extra, its use, import names
     ("studio", "studio and --watch", ("starlette", "uvicorn", "websockets")),
     ("dask", "batches on a cluster", ("distributed",)),
-    ("mcp", "the MCP server", ("mcp", "anyio", "docstring_parser")),
     ("photo", "cutting a subject out of a photograph", ("maxflow",)),
 )
 GLYPH_FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")

@@ -20,7 +20,7 @@ def list_commands() -> Iterator[Callable[..., int]]:
     from importlib.metadata import entry_points
 
     for entry in sorted(entry_points(group="knotfab.commands"), key=lambda e: e.name):
-        with suppress(ModuleNotFoundError):
+        with suppress(ModuleNotFoundError, AttributeError):  # an older installation named it
             command: Callable[..., int] = entry.load()
             yield command
 

@@ -9,7 +9,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal, TextIO
 
@@ -21,48 +21,11 @@ _fcntl: Any = (
     importlib.import_module("fcntl") if os.name == "posix" else None
 )  # Windows has no such locks
 MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
-_walls: tuple[
-    Path, ...
-] = ()  # they hold for the whole process, so that no thread forgets them; an empty tuple allows any folder
 
 
 def at_home(path: str | Path) -> Path:
     """Expand a leading ~ to the home folder, unless a file has that very name or there is no home."""
     return Path(path) if os.path.lexists(path) else Path(os.path.expanduser(path))
-
-
-@contextlib.contextmanager
-def confined(folders: Sequence[Path]) -> Iterator[None]:
-    """Confine all files that a call or a scene names to these folders, inside the block."""
-    global _walls
-    before, _walls = _walls, tuple(folder.resolve() for folder in folders)
-    try:
-        yield
-    finally:
-        _walls = before
-
-
-def require_within(path: str | Path, what: str | None = None) -> None:
-    """Refuse a path that leads out of the folders of `confined`, directly or through links.
-
-    Args:
-        what: how the error names it.
-
-    Raises:
-        InputError: it does.
-    """
-    if not _walls:
-        return
-    try:
-        place = at_home(path).resolve()
-        inside = any(place.is_relative_to(wall) for wall in _walls)
-    except (OSError, ValueError, RuntimeError):  # a loop of links, a null character
-        inside = False
-    if not inside:
-        named = " or ".join(map(str, _walls))
-        raise InputError(
-            what or str(path), "it lies outside the folders that are allowed", f"Use {named}"
-        )
 
 
 def own_folder(variable: str, usual: Callable[..., Path], homeless: str | None = None) -> Path:
@@ -99,7 +62,6 @@ def read_file(
     Raises:
         InputError: there is none, it may not be read, or it is not a regular file, or too large.
     """
-    require_within(path, what)
     try:
         state = path.stat()
         if stat.S_ISDIR(state.st_mode):
@@ -217,7 +179,6 @@ def write_whole(path: Path, content: bytes) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    require_within(path, f"--out {path}")
     try:
         disk.write_whole(path, content)
     except (OSError, ValueError) as error:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from knotfab.base.disk import at_home, hold, locked, require_within
+from knotfab.base.disk import at_home, hold, locked
 from knotfab.base.errors import MachineError, SceneError, why_of
 from knotfab.base.moves import (
     HIDDEN,
@@ -85,7 +85,6 @@ class OutputFolder:
         return path
 
     def __enter__(self) -> OutputFolder:
-        require_within(self.path)
         with self._explained(InputError):
             try:
                 self._make()

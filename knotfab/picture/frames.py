@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knotfab.base.disk import at_home, require_within
+from knotfab.base.disk import at_home
 from knotfab.base.limited import run_limited
 from knotfab.picture.raster import own_box
 from knotfab.picture.read import PLAIN, Target, read_target
@@ -74,7 +74,6 @@ def _read_frames(
     if len(sources) == 1:
         path = at_home(sources[0])
         path = path if base is None else base / path
-        require_within(path, what)
         if path.is_dir() or "*" in path.name:
             files = sorted(_list_files(path, what), key=_by_number)
         else:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from knotfab.base.disk import read_file, require_within, temporary_folder
+from knotfab.base.disk import read_file, temporary_folder
 from knotfab.base.errors import MachineError
 from knotfab.base.pool import Crash, Workers
 from knotfab.pipeline.verifier import (
@@ -323,8 +323,6 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
             part.name, "its scene is not given, by which it is lit", "Name the scene.toml too."
         )
     part, scene = files.part, files.scene
-    for path in (part, scene):
-        require_within(path)
     try:
         setting, mesh = read_scene(scene), read_mesh(part)
         named = [v for v in setting.views if view_name in (None, v.name)]
@@ -333,7 +331,6 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
             raise InputError(
                 f"--view {view_name}", "the scene has no such view", f"It has: {names}"
             )
-        require_within(scene.parent / named[0].picture)
         height, width = read_silhouette(scene.parent / named[0].picture).shape
         pose = (
             np.eye(4) if setting.pose is None else np.asarray(setting.pose.matrix, dtype=np.float64)

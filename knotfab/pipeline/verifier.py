@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from knotfab.base.disk import require_within
 from knotfab.base.errors import MachineError, explain_error
 from knotfab.base.pool import Crash, Workers, count_jobs
 from knotfab.report.summary import rank_check
@@ -281,9 +280,6 @@ def files_to_validate(
     for path in (part, knots, scene):
         if path is not None and not path.is_file():
             raise InputError(str(path), "there is no such file", "Check the path.")
-    for path in (part, knots, scene, failures):
-        if path is not None:
-            require_within(path)
     if failures is not None and failures.suffix.lower() != ".png":
         raise InputError(
             f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."

@@ -133,7 +133,6 @@ def test_no_command_does_moves_that_a_stranger_wrote(tmp_path: Path) -> None:
         ("validate", f"--scene={scene}"), ("shadow", folder / "part.stl", "--scene", scene),
         ("compare", cat, folder), ("build", cat, "--wrong"), ("build", "--scene", scene),
         ("batch", folder, "--wrong"), ("tradeoff", cat, "--wrong"), ("studio", "--out", folder, "--wrong"),
-        ("mcp", "--allow", cat),
     ):  # fmt: skip
         knotfab(*call)
         assert listing(tmp_path) == before, call

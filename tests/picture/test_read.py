@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from knotfab.base import limited
-from knotfab.base.disk import confined
 from knotfab.design.readings import try_readings
 from knotfab.picture import raster, read
 from knotfab.picture.read import Target, read_target, read_targets
@@ -531,8 +530,6 @@ def test_a_large_photograph_is_decoded_once_and_shrunk(
     monkeypatch.undo()
     first = read_bytes(tmp_path / "photo.jpg", "photo")
     assert read_bytes(tmp_path / "photo.jpg", "photo") is first
-    with confined([tmp_path / "elsewhere"]), pytest.raises(InputError, match="outside the folders"):
-        read_bytes(tmp_path / "photo.jpg", "photo")
     (tmp_path / "photo.jpg").write_bytes(first + b"\0")
     assert read_bytes(tmp_path / "photo.jpg", "photo") == first + b"\0"
     few = read_target(tmp_path / "photo.jpg").mask[::2, ::2]
