@@ -29,8 +29,7 @@ result = knotfab.build("cat.png", "out", mount="wall")
 print(result.exit_code, result.folder, result.report["views"][0]["iou"])
 ```
 
-In a notebook a result shows itself: the verdict, picture and shadow, and the part from four sides. So does
-what each stage returns. `progress=` takes a function, which is called with each `Event` of a build, such as
+`progress=` takes a function, which is called with each `Event` of a build, such as
 `lambda event: print(f"{event.stage}: {event.share:.0%}, {event.left_s} s left")`. What it raises ends the
 build, as Ctrl-C does, and nothing stays half-written.
 """

@@ -9,7 +9,6 @@ from functools import cached_property
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.base.notebook import InNotebook
 from knotfab.effects.base import Decision, World
 from knotfab.knots import Knots
 from knotfab.limits.feasibility import Feasibility
@@ -121,7 +120,7 @@ class DepthChoice:
 
 
 @dataclass(frozen=True, repr=False)
-class Start(InNotebook):
+class Start:
     """Start curves [(n, 3) mm] of known knot type, and why it is known.
 
     `far`: they are nowhere near the pictures yet. `facing`: the view in which they are simple; None: a
@@ -180,7 +179,7 @@ class CertificateLog:
 
 
 @dataclass(repr=False)
-class SearchResult(InNotebook):
+class SearchResult:
     """The knots in scene coordinates, how they were found, and whether they are feasible.
 
     Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.

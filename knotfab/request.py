@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from knotfab.base.errors import MachineError
-from knotfab.base.notebook import InNotebook
 from knotfab.design.budget import Budget
 from knotfab.picture.read import Target
 from knotfab_formats.errors import InputError, plain
@@ -72,12 +71,12 @@ class Request:
         return Budget(began + left, after, _AFTER_VERTEX_S * len(self.scene.views), began)
 
 
-@dataclass(frozen=True, repr=False)
-class Outcome(InNotebook):
+@dataclass(frozen=True)
+class Outcome:
     """The result of a build: exit code, report, and the folder written."""
 
     exit_code: int
-    found: Report
+    found: Report = field(repr=False)
     folder: Path
 
     @cached_property

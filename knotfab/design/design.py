@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from knotfab.base.errors import SceneError
-from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget, cut_settings, resolve_iterations, scale_to_budget
 from knotfab.design.hull import HullBound
@@ -58,7 +57,7 @@ _BRACINGS = 3  # searches at most for legs that all have a neighbour
 
 
 @dataclass(frozen=True, repr=False)
-class Design(InNotebook):
+class Design:
     """A finished search: knots in scene coordinates, and the scene with every value resolved.
 
     If the search could not meet a limit, `unmet` says which and where; the result is then a sparser one that

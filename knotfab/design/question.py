@@ -11,7 +11,6 @@ from scipy.ndimage import binary_dilation
 from shapely import MultiPolygon, Polygon
 
 from knotfab.base.arrays import Array
-from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.agree import agree
 from knotfab.design.frames import frame_view, framed_alike
@@ -39,7 +38,7 @@ _ROOM = 0.03  # room for a tube beyond the hull of its lamp's mask, as a share o
 
 
 @dataclass(frozen=True, repr=False)
-class Question(InNotebook):
+class Question:
     """A search problem, and the scene that it comes from with printer and material filled in.
 
     `bounds` are the visual hull's, for several views. `likeness` is the least IoU between the silhouette that

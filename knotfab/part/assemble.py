@@ -11,7 +11,6 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
-from knotfab.base.notebook import InNotebook
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.legs import Bar, find_legs, plan_bars
@@ -33,7 +32,7 @@ _ANY_SIZE = (1e6, 1e6, 1e6)
 
 
 @dataclass(frozen=True, repr=False)
-class Part(InNotebook):
+class Part:
     """The piece: `bodies` in print pose, with the tubes and mount that they were made of.
 
     `plates` are what is printed, if the printer does not hold the whole. `standing` belongs to a

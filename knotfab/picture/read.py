@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.base.limited import run_limited
-from knotfab.base.notebook import InNotebook
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
 from knotfab.picture.doubt import Doubt, find_doubt, is_guessed
@@ -52,7 +51,7 @@ _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 
 
 @dataclass(frozen=True, repr=False)
-class Target(InNotebook):
+class Target:
     """A picture and its silhouette.
 
     `mask` (height, width) is True where the drawn shape is, row 0 at the top; `rule` says how it

@@ -1,4 +1,4 @@
-"""A report in a few lines: for a terminal, a notebook, or a program that asked for the build."""
+"""A report in a few lines: for a terminal, or a program that asked for the build."""
 
 from __future__ import annotations
 
