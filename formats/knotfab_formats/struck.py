@@ -31,6 +31,7 @@ OPTIONS: dict[str, Struck] = {
     "--tone": Struck(_GREYS, nothing=("off",)),
     "--bender": Struck(_WIRE, nothing=("lra",)),
     "tradeoff --device": Struck("Leave it out: the search runs on the CPU", nothing=("cpu",)),
+    "--watch": Struck("Use knotfab studio, which shows a build as it grows.", flag=True),
 }
 """Options of the command line by name ("COMMAND --name" if only one command lost it); for callers of the
 library, without hyphens."""

@@ -33,7 +33,7 @@ LIBRARIES = (  # distribution, import name
     ("pillow", "PIL"),
 )
 EXTRAS = (  # the extra, its use, import names
-    ("studio", "studio and --watch", ("starlette", "uvicorn", "websockets")),
+    ("studio", "the studio", ("starlette", "uvicorn", "websockets")),
     ("dask", "batches on a cluster", ("distributed",)),
     ("photo", "cutting a subject out of a photograph", ("maxflow",)),
 )

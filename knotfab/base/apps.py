@@ -25,8 +25,8 @@ def list_commands() -> Iterator[Callable[..., int]]:
             yield command
 
 
-def module_of(app: str) -> str:
-    """Return the name of the module that starts an app.
+def load_app(app: str) -> Any:
+    """Import the module that starts an app.
 
     Raises:
         MachineError: it is not installed.
@@ -34,14 +34,5 @@ def module_of(app: str) -> str:
     from importlib.metadata import entry_points  # slow to load, and seldom asked
 
     for entry in entry_points(group="knotfab.apps", name=app):
-        return entry.module
+        return import_module(entry.module)
     raise MachineError(app, "this installation lacks it", "Install knotfab again, whole.")
-
-
-def load_app(app: str) -> Any:
-    """Import the module that starts an app.
-
-    Raises:
-        MachineError: it is not installed.
-    """
-    return import_module(module_of(app))

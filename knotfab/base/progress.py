@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Literal, TextIO
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 from knotfab.base.terminal_bar import make_bar
 
@@ -90,7 +90,7 @@ class Progress:
         self.mode: Mode = mode
         self.timings: dict[str, float] = {}
         self._stream = sys.stderr if stream is None else stream
-        self._events: list[IO[str]] = [] if events is None else [events]
+        self._events = events
         self._heard = heard
         self._raised: BaseException | None = None  # raised by the listener
         self._last = ""  # stage that began
@@ -147,10 +147,6 @@ class Progress:
         knots, self._standing = self._standing, None
         if knots is not None and self._raised is None:
             self.tell("standing", start=knots().dump_start())
-
-    def listen(self, events: IO[str]) -> None:
-        """Write the events to `events`, too."""
-        self._events.append(events)
 
     def plan(self, usual: Mapping[str, float]) -> None:
         """Announce the stages to come and their usual times, s, from which the time left is estimated."""
@@ -214,7 +210,7 @@ class Progress:
     @property
     def _heeded(self) -> bool:
         """True if anybody listens to events."""
-        return bool(self._events) or self._heard is not None
+        return self._events is not None or self._heard is not None
 
     def set_scene(
         self,
@@ -262,21 +258,20 @@ class Progress:
         return free if free[0] >= _LEAST_COLUMNS and free[1] >= _LEAST_ROWS else None
 
     def tell(self, event: str, **data: Any) -> None:
-        """Send an event to all listeners, "end" as the last. A closed stream is dropped without an error."""
+        """Send an event, "end" as the last. A closed stream is dropped without an error."""
         if event == "end":
             self._tell_standing()
         if self._heard is not None:
             self._call(self._heard, event, data)
-        if not self._events:
+        if self._events is None:
             return
         line = json.dumps({"event": event, **data}) + "\n"
         with self._lock:
-            for events in list(self._events):
-                try:
-                    events.write(line)
-                    events.flush()
-                except (OSError, ValueError):  # ValueError: it is closed
-                    self._events.remove(events)
+            try:
+                self._events.write(line)
+                self._events.flush()
+            except (OSError, ValueError):  # ValueError: it is closed
+                self._events = None
 
     def _call(self, heard: Callable[[Event], object], name: str, data: Mapping[str, Any]) -> None:
         with self._lock:

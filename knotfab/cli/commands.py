@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
 import sys
-import threading
 import webbrowser
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Annotated, Literal, TextIO
+from typing import Annotated, Literal, TextIO
 
 from cyclopts import App, Parameter
 
-from knotfab.base.apps import VERSION, list_commands, module_of
-from knotfab.base.disk import at_home, open_stream
-from knotfab.base.errors import MachineError, needs_extra
+from knotfab.base.apps import VERSION, list_commands
+from knotfab.base.disk import open_stream
+from knotfab.base.errors import MachineError
 from knotfab.pipeline.options import OUTPUT, BuildOptions, Flag, Names, Place
 from knotfab_formats.errors import InputError
 from knotfab_formats.libraries import recording
@@ -48,7 +46,7 @@ _DEFAULTS = BuildOptions()
 
 ```
 knotfab build cat.png --print              checked against the printer
-knotfab build cat.png --size 240 --watch   larger; a page shows how it grows
+knotfab build cat.png --size 240           larger
 knotfab build cat.png --mount wall         ready to hang
 knotfab build cat.png --time-budget 1.5min
 knotfab build logo.svg --depth flat --tube-radius 2
@@ -64,7 +62,6 @@ def build(
     *pictures: str,
     options: Annotated[BuildOptions, Parameter(name="*")] = _DEFAULTS,
     open_: Annotated[Flag, Parameter(name="--open", group=OUTPUT)] = False,
-    watch: Annotated[Flag, Parameter(group=OUTPUT)] = False,
     events: Annotated[str | None, Parameter(show=False)] = None,
 ) -> int:
     """Turn a picture, or several, into a verified part.
@@ -77,19 +74,17 @@ def build(
         at 60°.
     open_
         Open the report in the browser when it is done.
-    watch
-        Open a page in the browser that shows knot and shadow as they grow.
     events
         Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
     from knotfab.pipeline.verifier import load_early
 
     with load_early(options.skip), recording():
-        return _build(pictures, options, open_, watch, events)
+        return _build(pictures, options, open_, events)
 
 
 def _build(
-    pictures: tuple[str, ...], options: BuildOptions, open_: bool, watch: bool, events: str | None
+    pictures: tuple[str, ...], options: BuildOptions, open_: bool, events: str | None
 ) -> int:
     from knotfab.base.progress import Progress
     from knotfab.cli.summary import draw_shadow
@@ -100,14 +95,10 @@ def _build(
     mode = "quiet" if quiet else options.mode
     command = shlex.join(["knotfab", *sys.argv[1:]])
     with (
-        ExitStack() as page,
         open_events(events) as told,
         Progress(mode, events=told, began=call_clock.began, draw=draw_shadow) as progress,
     ):
         request = prepare_build(pictures, options, command, progress)
-        if watch:
-            events_of_page, _ = page.enter_context(open_page(request.out, progress.say))
-            progress.listen(events_of_page)
         from knotfab.pipeline.build import run_build  # heavy, so only after the call was checked
 
         outcome = run_build(request, progress)
@@ -145,48 +136,6 @@ def open_events(name: str | None) -> Iterator[TextIO | None]:
         except (OSError, ValueError) as error:
             raise InputError(f"--events {name}", "it cannot be written", "Name a file.") from error
         yield file
-
-
-@contextmanager
-def open_page(
-    out: Path, say: Callable[[str], None], grace_s: int | None = None
-) -> Iterator[tuple[IO[str], subprocess.Popen[str]]]:
-    """Open a page in the browser that shows a build into `out`. Yields the pipe for events, and its process.
-
-    The process stays while a tab is open.
-
-    Args:
-        say: is called with the page's address, from a thread.
-        grace_s: how long after the build's end a reloaded page may come back.
-
-    Raises:
-        MachineError: the studio's extra is not installed.
-    """
-    with needs_extra("--watch", "studio"):
-        import starlette  # noqa: F401
-        import uvicorn  # noqa: F401
-        import websockets  # noqa: F401
-    command = [sys.executable, "-P", "-m", module_of("studio"), str(at_home(out).absolute())]
-    child = subprocess.Popen(
-        command if grace_s is None else [*command, str(grace_s)],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-        text=True, encoding="utf-8", start_new_session=True,
-    )  # fmt: skip
-    assert child.stdin is not None and child.stdout is not None
-    told = child.stdout
-
-    def announce() -> None:
-        with told:
-            address = told.readline().strip()
-        if address:
-            say(f"Watch it at {address}")
-
-    threading.Thread(target=announce, daemon=True).start()
-    try:
-        yield child.stdin, child
-    finally:
-        with suppress(OSError):
-            child.stdin.close()
 
 
 @app.command(

@@ -253,18 +253,14 @@ def test_a_terminal_with_room_shows_the_knots_below_the_bar(
     assert show(80, 24, "xterm", io.StringIO()) == "" and len(asked) == 1
 
 
-def test_every_reader_of_the_events_is_told_until_it_goes_away() -> None:
-    first, second = io.StringIO(), io.StringIO()
+def test_a_reader_of_the_events_may_go_away() -> None:
+    first = io.StringIO()
     with Progress("quiet", events=first) as progress:
         progress.tell("one")
-        progress.listen(second)
-        progress.tell("two")
+        assert json.loads(first.getvalue())["event"] == "one"
         first.close()
+        progress.tell("two")
         progress.tell("three")
-    assert [json.loads(line)["event"] for line in second.getvalue().splitlines()] == [
-        "two",
-        "three",
-    ]
 
 
 def test_a_callable_hears_events_and_ends_work_by_raising() -> None:

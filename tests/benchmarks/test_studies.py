@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -41,7 +38,6 @@ from examples.lamps.draw import PICTURES as COLOURED
 from examples.pictures import pictures
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
-from knotfab.cli import commands as command_line
 from knotfab.cli.commands import app
 from knotfab.design import survey
 from knotfab.design.frames import frame_view
@@ -255,11 +251,6 @@ def build(request: Request, progress: Progress) -> Outcome:
     return Outcome(0, report_with(views=[]), request.out)
 
 
-@contextlib.contextmanager
-def page(out: Path, say: object) -> Iterator[tuple[io.StringIO, None]]:
-    yield io.StringIO(), None
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(p, marks=[pytest.mark.study] if p == "README.md" else []) for p in PAGES]
@@ -268,7 +259,6 @@ def test_a_page_can_be_typed_from_its_first_line_to_its_last(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pipeline, "run_build", build)
-    monkeypatch.setattr(command_line, "open_page", page)
     # which tube several pictures take is found by drawing starts, for seconds
     monkeypatch.setattr(survey, "choose_radius", lambda *_, **__: RadiusChoice(2.0, ()))
     folder = shutil.copytree(ROOT / "examples", tmp_path / "examples")

@@ -50,8 +50,6 @@ class Listener:
 class Broadcast:
     """One build at a time, and the tabs that follow it. It is changed only in the event loop's thread."""
 
-    watching = False  # whether the page can only watch
-
     def __init__(self) -> None:
         self.status: dict[str, Any] = {"phase": "idle"}
         self.out = Path()  # the folder of the current or last build
@@ -73,7 +71,7 @@ class Broadcast:
 
     def describe(self) -> dict[str, Any]:
         """Describe the whole state, for a page that was opened or reloaded."""
-        return {"build": self.status, "watching": self.watching}
+        return {"build": self.status}
 
     def folder_of(self, where: str) -> Path | None:
         """Return the folder of a build by name; None if there is none."""

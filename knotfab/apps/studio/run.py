@@ -1,23 +1,21 @@
-"""Serve the studio, or the page of `knotfab build --watch`, to this machine alone, by routes and a socket."""
+"""Serve the studio to this machine alone, by routes and a socket."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 import secrets
 import signal
 import socket
-import sys
 import threading
 import webbrowser
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import cache, partial
 from inspect import isawaitable, signature
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal, TextIO, get_type_hints
+from typing import Any, Literal, get_type_hints
 
 import uvicorn
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
@@ -30,7 +28,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from knotfab.apps.studio import pages
-from knotfab.apps.studio.broadcast import Broadcast, Event
+from knotfab.apps.studio.broadcast import Broadcast
 from knotfab.apps.studio.pages import RequestGuard
 from knotfab.apps.studio.pictures import (
     LARGEST_BYTES,
@@ -73,13 +71,8 @@ def run_studio(port: int, open_page: bool, folder: Path) -> None:
         print("\nThe studio is closed.", flush=True)
 
 
-def serve(
-    studio: Broadcast,
-    port: int,
-    announce: Callable[[str], None],
-    until: Callable[[], Coroutine[None, None, None]] | None = None,
-) -> None:
-    """Serve until Ctrl-C, or until the coroutine `until` ends.
+def serve(studio: Studio, port: int, announce: Callable[[str], None]) -> None:
+    """Serve until Ctrl-C.
 
     Args:
         announce: is called with the address, including its token, once the server is ready.
@@ -95,7 +88,7 @@ def serve(
         config = uvicorn.Config(
             app, log_level="error", ws_max_size=2**16, timeout_graceful_shutdown=3
         )
-        server = _Server(config, lambda: announce(f"http://{_HOST}:{port}/?token={token}"), until)
+        server = _Server(config, lambda: announce(f"http://{_HOST}:{port}/?token={token}"))
         # unless started by nohup, it ends with its terminal, and its build too
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
             signal.signal(signal.SIGHUP, lambda *_: server.leave())
@@ -115,24 +108,15 @@ def open_in_browser(address: str) -> None:
 
 
 class _Server(uvicorn.Server):
-    """A server that calls `when_ready`, and ends when `until` does."""
+    """A server that calls `when_ready`."""
 
-    def __init__(
-        self,
-        config: uvicorn.Config,
-        when_ready: Callable[[], None],
-        until: Callable[[], Coroutine[None, None, None]] | None,
-    ) -> None:
+    def __init__(self, config: uvicorn.Config, when_ready: Callable[[], None]) -> None:
         super().__init__(config)
-        self.when_ready, self.until = when_ready, until
-        self.waiting: asyncio.Task[None] | None = None
+        self.when_ready = when_ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         self.when_ready()
-        if self.until is not None:
-            self.waiting = asyncio.create_task(self.until())
-            self.waiting.add_done_callback(lambda _: self.leave())
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         end_copies()  # requests that wait for them are answered, and keep nothing
@@ -157,53 +141,13 @@ def _bind(port: int) -> socket.socket:
     return listening
 
 
-_GRACE_S = 10  # for a reloaded page to come back after the build's end
-_UNKNOWN = "The build ended without a result; the terminal says why."
-
-
-class WatchedBuild(Broadcast):
-    """A build of the command line, which can only be watched. `out` is its folder."""
-
-    watching = True
-
-    def __init__(self, out: Path) -> None:
-        super().__init__()
-        self.begin(out, out.name)
-
-    async def follow(self, events: TextIO, grace_s: int = _GRACE_S) -> None:
-        """Pass the events on until they end, and then wait until the last tab is closed."""
-        end: Event = {}
-        while line := await asyncio.to_thread(events.readline):
-            with contextlib.suppress(ValueError):  # cut off when its build died
-                event = json.loads(line)
-                end = event if event["event"] == "end" else end
-                self.hear(event)
-        self.end(end.get("exit_code", 2), "" if end else _UNKNOWN)
-        self.tell_state()
-        alone = 0
-        while alone < grace_s:
-            await asyncio.sleep(1)
-            alone = 0 if self.listeners else alone + 1
-
-
-def watch(out: Path, events: TextIO, grace_s: int = _GRACE_S) -> None:
-    """Show a build in the browser by its events, until they end and the last tab is closed."""
-    studio = WatchedBuild(out)
-
-    def announce(address: str) -> None:
-        print(address, flush=True)
-        open_in_browser(address)
-
-    serve(studio, 0, announce, lambda: studio.follow(events, grace_s))
-
-
 _LARGEST_JSON = 64 * 2**10  # bytes of a call
 # up to this size a refused body is read to its end, since otherwise the browser ignores the reply
 _DRAINED_BYTES = 2 * 2**30
 Answer = Callable[[Request], Awaitable[Response]]
 
 
-def make_app(studio: Broadcast, token: str, hosts: tuple[str, ...]) -> Starlette:
+def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
     """Make the application.
 
     Args:
@@ -381,7 +325,3 @@ def _body_of(act: Callable[..., Any]) -> type[BaseModel]:
     if act is Studio.set:  # its body is the settings themselves
         fields, extra = {}, "allow"
     return create_model(act.__name__, __config__=ConfigDict(extra=extra, strict=True), **fields)
-
-
-if __name__ == "__main__":
-    watch(Path(sys.argv[1]), sys.stdin, *(int(grace) for grace in sys.argv[2:]))

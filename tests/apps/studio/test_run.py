@@ -1,14 +1,11 @@
-"""`knotfab build --watch`: the page of one build, which shows it and nothing else, and ends by itself."""
+"""The end of a studio with its build, and what its page makes of the ways to read a picture."""
 
 from __future__ import annotations
 
-import asyncio
 import io
-import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,80 +21,6 @@ from knotfab.pipeline.options import BuildOptions
 from knotfab_formats.errors import InputError
 
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
-from starlette.testclient import TestClient
-
-from knotfab.apps.studio.run import WatchedBuild, make_app
-from knotfab.cli.commands import open_page
-
-HOST, TOKEN = "127.0.0.1:8000", "the-token-of-the-address"
-
-
-def write_built(tmp_path: Path) -> Path:
-    out = tmp_path / "cat"
-    (out / "rejected").mkdir(parents=True)
-    (tmp_path / "beside").mkdir()
-    for folder in (out, out / "rejected", tmp_path / "beside"):
-        (folder / "report.html").write_text(f"report of {folder.name}")
-        (folder / "report.json").write_text('{"verdict": {"word": "good"}}')
-    return out
-
-
-def lines(*events: dict[str, object]) -> io.StringIO:
-    return io.StringIO("".join(json.dumps(event) + "\n" for event in events))
-
-
-def follow(out: Path, *events: dict[str, object], broken: str = "") -> WatchedBuild:
-    studio = WatchedBuild(out)
-    told = io.StringIO(lines(*events).getvalue() + broken)
-    asyncio.run(studio.follow(told, grace_s=0))
-    return studio
-
-
-def test_it_shows_its_build_and_can_change_nothing(tmp_path: Path) -> None:
-    out = write_built(tmp_path)
-    app = make_app(WatchedBuild(out), TOKEN, (HOST,))
-    with TestClient(app, base_url=f"http://{HOST}", headers={"origin": f"http://{HOST}"}) as page:
-        page.get(f"/?token={TOKEN}")
-        state = page.get("/api/state").json()
-        assert state["watching"] and state["build"]["phase"] == "running" and "builds" not in state
-        assert page.get("/files/cat/report.html").text == "report of cat"
-        assert page.get("/files/cat/rejected/report.html").text == "report of rejected"
-        for path in ("beside/report.html", "cat/../beside/report.html", "cat/rejected/../x"):
-            assert page.get(f"/files/{path}").status_code == 404
-        for path in ("pictures", "text", "settings", "build", "stop", "choose"):
-            assert page.post(f"/api/{path}", json={}).status_code == 404
-    assert not (tmp_path / "pictures").exists()
-
-
-def test_how_the_build_ended_is_shown(tmp_path: Path) -> None:
-    out = write_built(tmp_path)
-    begun = {"event": "stage", "name": "search", "seconds": 1.0, "left_s": 9.0}
-    for code, phase, where in ((0, "done", "cat"), (1, "rejected", "cat/rejected")):
-        studio = follow(out, begun, {"event": "end", "exit_code": code, "folder": str(out)})
-        assert studio.status["phase"] == phase and studio.status["result"]["where"] == where
-    for broken in ("", '{"event": "sta'):  # killed
-        studio = follow(out, begun, broken=broken)
-        assert studio.status["phase"] == "failed" and "result" not in studio.status
-        assert "terminal says why" in studio.status["sentence"]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="the browser is played by a script")
-def test_it_ends_with_its_build_where_nobody_looks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    browser = tmp_path / "browser"
-    browser.write_text(f"#!/bin/sh\necho \"$1\" > '{tmp_path}/address'\n")
-    browser.chmod(0o755)
-    monkeypatch.setenv("BROWSER", str(browser))
-    said: list[str] = []
-    with open_page(tmp_path / "out", said.append, grace_s=0) as (events, child):
-        events.write('{"event": "say", "text": "a remark"}\n')
-        until = time.monotonic() + 60
-        while not (said and (tmp_path / "address").exists()) and time.monotonic() < until:
-            time.sleep(0.05)
-    assert said[0].removeprefix("Watch it at ") == (tmp_path / "address").read_text().strip()
-    assert child.wait(30) == 0
 
 
 # tests/apps/studio/test_server.py interrupts a studio at rest, tests/cli/test_summary.py a builder's build

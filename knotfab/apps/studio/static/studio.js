@@ -45,9 +45,7 @@ function show(next) {
   const before = state;
   state = next;
   document.documentElement.dataset.ready = "";
-  document.documentElement.toggleAttribute("data-watching", next.watching);
-  byId("panel").hidden = byId("tab-preview").hidden = next.watching;
-  if (!next.watching) showPanel(before, next);
+  showPanel(before, next);
   const { phase, name } = next.build;
   const changed = !before || before.build.phase !== phase || before.build.name !== name;
   if (before && before.build.name !== name) stage.clear();
@@ -71,11 +69,11 @@ function showPanel(before, next) {
 function showBuild() {
   const { phase, share, iou, left_s: left, sentence, result } = state.build;
   const running = phase === "running" || phase === "stopping";
-  byId("build").hidden = running || state.watching;
+  byId("build").hidden = running;
   byId("build").disabled = !state.chosen?.length;
-  byId("stop").hidden = !running || state.watching; // Ctrl-C in its terminal stops it
+  byId("stop").hidden = !running;
   byId("stop").disabled = phase === "stopping";
-  byId("go-on").hidden = running || !state.can_go_on || state.watching || state.kind === "frames";
+  byId("go-on").hidden = running || !state.can_go_on || state.kind === "frames";
   byId("go-on").textContent = `Go on from ${state.build.title ?? "here"}`;
   byId("bar").value = running || phase === "done" || phase === "rejected" ? share ?? 0 : 0;
   byId("shadow-iou").textContent = iou ? `IoU ${iou.toFixed(3)}` : "";
@@ -169,12 +167,9 @@ async function begin() {
   listenToPictures(select);
   listenToBuild();
   listenToTabs();
-  const { watching } = await (await fetch("/api/state")).json();
-  if (!watching) {
-    await buildFields();
-    new Crop(() => state);
-    new Subject(() => state);
-  }
+  await buildFields();
+  new Crop(() => state);
+  new Subject(() => state);
   connect();
 }
 
