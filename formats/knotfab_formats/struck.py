@@ -49,7 +49,6 @@ VALUES: dict[tuple[str, str], dict[str, Struck]] = {
     },
 }
 """Values of keys that are still there, by table and name."""
-COMMANDS: dict[str, Struck] = {}
 COMMANDS: dict[str, Struck] = {
     "mcp": Struck("Call `knotfab preview --json` and `knotfab build --events -`, or the library.")
 }
