@@ -23,7 +23,6 @@ from PIL import Image, ImageDraw
 
 import knotfab
 from benchmarks.measurement import run_study
-from knotfab_formats.verdict import PRINTING
 
 _PX = 160
 _QUICK = """
@@ -190,14 +189,6 @@ ROWS: tuple[Row, ...] = (
             ("sequence", "not of all frames"),
             ("coloured lamps", "all colours of their picture"),
         ),
-    ),
-    Row(
-        "plates",
-        "contract.md#files-in-dir",
-        lambda f: len(f.files("plate-*.3mf")) > f.pieces and f.check("plates") == ["pass"],
-        "[printer]\nname = 'prusa-mk4'\nbuild_volume_mm = [70.0, 60.0, 60.0]\n",
-        # whether each can be printed is measured as that of any part, and holders have rows of their own
-        (("print", True), ("mount", "none"), ("skip", ("slicer", "shadow-render", *PRINTING))),
     ),
     Row(
         "repairs alone",

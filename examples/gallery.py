@@ -94,12 +94,9 @@ def _slice(folder: Path) -> None:
     if kept.is_file():
         return
     scene = load_scene(folder / "scene.toml")
-    names = [plate.file for plate in scene.pose.plates] if scene.pose else []
-    found = [slice_part(folder / n, scene, folder, SLICING_S) for n in names or ["part.3mf"]]
-    each = [one for one in found if isinstance(one, Sliced)]
-    if len(each) == len(found):
-        hours = sum(one.time_s for one in each) / 3600
-        kept.write_text(json.dumps({"hours": hours, "grams": sum(one.filament_g for one in each)}))
+    one = slice_part(folder / "part.3mf", scene, folder, SLICING_S)
+    if isinstance(one, Sliced):
+        kept.write_text(json.dumps({"hours": one.time_s / 3600, "grams": one.filament_g}))
 
 
 def _page(work: Path, pictures_to: Path) -> Iterable[str]:

@@ -109,17 +109,7 @@ def test_the_pages_are_a_site_in_which_each_is_found(tmp_path: Path) -> None:
 MOUNTS = [k for k in get_args(Mount.model_fields["kind"].annotation) if k not in ("auto", "none")]
 CHECKS = [
     name
-    for group in (
-        "KNOTS",
-        "MESH",
-        "FILES",
-        "TUBE",
-        "HELD",
-        "PRINTING",
-        "UPRIGHT",
-        "PLATES",
-        "TABLE",
-    )
+    for group in ("KNOTS", "MESH", "FILES", "TUBE", "HELD", "PRINTING", "UPRIGHT", "TABLE")
     for name in getattr(verdict, group)
 ]
 # by kind: its names, and in each file what must stand there, NAME for a name and CAPS for it in capitals

@@ -295,16 +295,6 @@ class About(Table):
 Ridge = tuple[Coordinate, Coordinate, Coordinate, Coordinate, Length]
 
 
-class Plate(Table):
-    """Bodies that are printed at once: their file, by default plate-N.3mf in the plates' order.
-
-    `matrices`: the rigid motions that take its bodies, in their order, to part.stl.
-    """
-
-    file: str = ""
-    matrices: Annotated[tuple[Matrix, ...], Field(min_length=1)]
-
-
 class FrameBar(Table):
     """A bar of the frame that holds the lamps, in its own coordinates: along x from 0, its middle at y = 0,
     from z = 0 up; lengths in mm.
@@ -328,17 +318,21 @@ class FrameBar(Table):
     matrix: Matrix
 
 
-class FramePlate(Plate):
-    """Bars of the frame that are printed at once; `matrices` take them to the scene."""
+class FramePlate(Table):
+    """Bars of the frame that are printed at once: their file, by default table-N.3mf in the plates' order.
 
+    `matrices`: the rigid motions that take them, in their order, to the scene.
+    """
+
+    file: str = ""
+    matrices: Annotated[tuple[Matrix, ...], Field(min_length=1)]
     bars: tuple[FrameBar, ...] = ()
 
 
 class Pose(Table):
-    """The motion from print coordinates to the scene, and the plates that are printed instead of the whole.
+    """The motion from print coordinates to the scene.
 
     A rigid motion; where the material shrinks, a similarity that shrinks by as much.
     """
 
     matrix: Matrix
-    plates: tuple[Plate, ...] = ()

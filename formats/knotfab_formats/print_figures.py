@@ -1,4 +1,4 @@
-"""What a report says of the printed piece: its mount, pose, plates and cost, and the slicer's figures.
+"""What a report says of the printed piece: its mount, pose and cost, and the slicer's figures.
 
 Lengths are in mm, times in seconds and shares from 0 to 1, unless a name says otherwise.
 """
@@ -105,10 +105,9 @@ class Kept:
 
 @dataclass(frozen=True, kw_only=True)
 class PoseFigures(TurnFigures):
-    """The pose of the piece, or of one body on a plate, and the poses that it was chosen from."""
+    """The pose of the piece, and the poses that it was chosen from."""
 
     chosen_by: str
-    body: str | None = None
     tried: int | None = None
     too_large: int | None = None
     within_limits: bool | None = None
@@ -118,27 +117,6 @@ class PoseFigures(TurnFigures):
     shrinkage_percent: float | None = None
     depth_mm: Kept | None = None
     wall_distance_mm: Kept | None = None
-
-
-@dataclass(frozen=True)
-class PlateFile:
-    """The bodies that are printed in one go."""
-
-    file: str
-    bodies: tuple[str, ...]
-    size_mm: tuple[float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlatesFigures:
-    """The plates of a piece that the printer does not hold whole."""
-
-    files: tuple[PlateFile, ...]
-    cuts_of_knots: tuple[int, ...]
-    pin_diameter_mm: Range | None = None
-    pin_length_mm: float | None = None
-    pin_clearance_mm: float | None = None
-    poses: tuple[PoseFigures, ...]
 
 
 @dataclass(frozen=True)
@@ -243,7 +221,6 @@ class Print:
     setup: tuple[SetupSteps, ...] | None = None
     turning: Turning | None = None
     pose: PoseFigures | None = None
-    plates: PlatesFigures | None = None
     plate: PlateFigures | None = None
     flatter: tuple[Flatter, ...] | None = None
     support_access: SupportAccess | None = None

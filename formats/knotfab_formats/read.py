@@ -135,12 +135,7 @@ def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _WIDTH = 118
 _POSE = """[pose]  # From print coordinates to the scene, written by a build.
-matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]
-
-[[pose.plates]]  # Only where the printer does not hold the whole part: what is printed, plate by plate.
-file = "plate-1.3mf"  # Beside the scene; left out: plate-1.3mf, plate-2.3mf, … in their order.
-# For each body, in the file's order, the rigid motion that takes it from its plate to its place in part.stl:
-matrices = [[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]"""
+matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"""
 
 
 def list_tables() -> dict[str, type[BaseModel]]:

@@ -14,7 +14,6 @@ from knotfab_formats.print_figures import (
     FeetFigures,
     Flatter,
     MountFigures,
-    PlatesFigures,
     PoseFigures,
     Print,
     SlicerFigures,
@@ -188,7 +187,6 @@ class FrameView(View):
     certificate: Certificate
     mount: MountFigures
     pose: PoseFigures | None = None
-    plates: PlatesFigures | None = None
     flatter: tuple[Flatter, ...] | None = None
     support_access: SupportAccess | None = None
     bars: BarFigures | None = None

@@ -37,6 +37,10 @@ OPTIONS: dict[str, Struck] = {
 library, without hyphens."""
 KEYS: dict[tuple[str, str], Struck] = {
     ("views", "tone"): Struck(_GREYS, nothing=("off",)),
+    ("pose", "plates"): Struck(
+        "Build with a smaller --size or for another --printer, or cut part.3mf in the slicer",
+        nothing=([],),
+    ),
     ("piece", "bender"): Struck(_WIRE, nothing=("lra",)),
     **{("material", key): Struck(_WIRE, nothing=(value,)) for key, value in _NO_WIRE.items()},
     ("search", "grace_of"): Struck("Leave it out", nothing=("curves",)),

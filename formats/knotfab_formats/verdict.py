@@ -389,15 +389,8 @@ PRINTING = ("feature", "gap", *OVERHANGING, "standing")
 GROWN = ("reach", "legs", "feet", "feet_level", "tipping", "voids")  # where no supports are
 UPRIGHT = ("cut", "bars", *GROWN)
 HELD = ("level",)  # a part that hangs on a thread
-PLATES = ("plate_mesh", "plates", "plates_volume")
 TABLE = ("table_mesh", "table_bars", "table", "table_shadow")  # the frame that holds several lamps
-PRINTER = (
-    "build_volume",
-    *PRINTING,
-    *UPRIGHT,
-    *PLATES,
-    *TABLE,
-)  # left out of a piece that is not printed
+PRINTER = ("build_volume", *PRINTING, *UPRIGHT, *TABLE)  # left out of a piece that is not printed
 SHADOWS = (
     *("shadow", "shadow_exact", "outline", "wrong_outline", "recognisable"),
     *("half_light", "intrusion"),  # for a wide lamp, a mount

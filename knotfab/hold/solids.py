@@ -58,11 +58,6 @@ def motion_along(axis: Array, point: Array, helper: Array | None = None) -> Arra
     return np.column_stack([across, np.cross(axis, across), axis, point])
 
 
-def place_along(solid: Manifold, axis: Array, point: Array) -> Manifold:
-    """Move a solid's origin to a point, and its z along an axis."""
-    return solid.transform(motion_along(axis, point))
-
-
 def strut(start: Array, end: Array, radius_mm: float) -> Fixture:
     """Make a round bar between two points (3,) mm."""
     length = float(np.linalg.norm(start - end))

@@ -15,11 +15,10 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.legs import Bar, find_legs, plan_bars
 from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
-from knotfab.geometry.tube import Mesh, as_manifold, as_mesh, sweep
+from knotfab.geometry.tube import Mesh, as_manifold, as_mesh, face_normals, sweep
 from knotfab.hold.lamp_frame import Table, frame_or_reason
 from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
-from knotfab.part.plates import Plates, can_be_split, clean_body, lay_on_plates, list_printables
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of, view_axes
@@ -35,14 +34,12 @@ _ANY_SIZE = (1e6, 1e6, 1e6)
 class Part:
     """The piece: `bodies` in print pose, with the tubes and mount that they were made of.
 
-    `plates` are what is printed, if the printer does not hold the whole. `standing` belongs to a
-    piece that prints without supports; its bars are the last of the bodies.
+    `standing` belongs to a piece that prints without supports; its bars are the last of the bodies.
     """
 
     bodies: list[Mesh]
     pose: PrintPose
     mounted: Mounted
-    plates: Plates | None = None
     standing: Standing | None = None
 
     @property
@@ -94,7 +91,7 @@ def part_of(
             f"{len(tubes)} loose knots: a wall mount holds them (--mount none leaves it out)"
         )
     with progress.stage("part"):
-        mounted, pose, plates = _choose_poses(made, mounted, printing, cameras, masks)
+        mounted, pose = _choose_pose(made, mounted, printing)
         bodies = list(pose.tubes)
         if mounted.scene.mount.kind != "none":
             bodies = [clean_body(body) for body in bodies]
@@ -105,7 +102,7 @@ def part_of(
             in_plate = mounted.scene.mount.on_feet
             pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]
-    return Part(bodies, pose, mounted, plates, standing)
+    return Part(bodies, pose, mounted, standing)
 
 
 def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array], bool]:
@@ -122,10 +119,8 @@ def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array],
     return hidden
 
 
-def _choose_poses(
-    made: Design, mounted: Mounted, printing: bool, cameras: Sequence[Camera], masks: Sequence[Mask]
-) -> tuple[Mounted, PrintPose, Plates | None]:
-    """Choose the print pose of the whole, and the plates if only these can be printed.
+def _choose_pose(made: Design, mounted: Mounted, printing: bool) -> tuple[Mounted, PrintPose]:
+    """Choose the print pose of the whole.
 
     A mount that may lie down is returned without its `upright` if the printer does not hold it so.
     """
@@ -141,30 +136,11 @@ def _choose_poses(
     room = printer.build_volume_mm if printing else _ANY_SIZE
     try:
         whole = choose_pose(knots, bodies, room, frame, upright, rules, mounted.fixed_mm)
-        return mounted, replace(whole, matrix=shrink @ whole.matrix), None
-    except SceneError as error:
-        if mounted.upright is not None and not mounted.must_be_upright:
-            lying = replace(mounted, upright=None)
-            return _choose_poses(made, lying, printing, cameras, masks)
-        if upright is not mounted.upright or not can_be_split(mounted):
+    except SceneError:
+        if mounted.upright is None or mounted.must_be_upright:
             raise
-        too_large = error
-    pose = choose_pose(knots, bodies, _ANY_SIZE, frame, mounted.upright)
-    printables = list_printables(mounted, made.knots, cameras, masks)
-    try:
-        plates = lay_on_plates(
-            [one.scaled(1 / shrink[0, 0]) for one in printables],
-            pose,
-            printer.build_volume_mm,
-            printer.nozzle_mm,
-            made.scene.piece.clearance_mm,
-            rules_of(made.scene),
-            mounted.upright,
-        )
-    except SceneError as error:
-        why = f"{too_large.why}; nor in several pieces: {error.why}"
-        raise SceneError(too_large.what, why, f"{error.remedy}. {too_large.remedy}") from error
-    return mounted, replace(pose, matrix=shrink @ pose.matrix), plates
+        return _choose_pose(made, replace(mounted, upright=None), printing)
+    return mounted, replace(whole, matrix=shrink @ whole.matrix)
 
 
 def shrink_of(scene: ResolvedScene) -> Array:
@@ -250,3 +226,47 @@ def _cut_level(body: Mesh, height: float) -> Mesh:
     vertices, faces = as_mesh(as_manifold(body).trim_by_plane((0.0, 0.0, 1.0), height))
     vertices[:, 2] = np.maximum(vertices[:, 2] - height, 0.0)
     return clean_body((vertices, faces))
+
+
+# A united body as it will be written: in single precision, and still not crossing itself.
+
+
+# Slivers along the seams of a union may turn over when their corners are rounded; edges shorter than
+# these are collapsed, the least that is enough.
+TOLERANCES_MM = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
+
+
+def clean_body(body: Mesh) -> Mesh:
+    """Round a body to what single precision (STL) holds exactly, if possible without crossings.
+
+    Tolerances are tried until libigl's exact predicates find no two faces that cross and none
+    without an area. If none is enough, the result of the last is returned and the validators will
+    say so.
+
+    Args:
+        body: a closed mesh in print coordinates.
+    """
+    solid = as_manifold(body)
+    rounded = body
+    # the second time, what is rounded already: that finds the slivers that rounding turned over
+    for tolerance in np.repeat(TOLERANCES_MM, 2):
+        vertices, faces = as_mesh(solid.simplify(tolerance))
+        rounded = vertices.astype(np.float32).astype(np.float64), faces
+        if _is_clean(rounded):
+            break
+        solid = as_manifold(rounded)
+    return rounded
+
+
+def _is_clean(body: Mesh) -> bool:
+    from igl import predicates
+
+    vertices, faces = body
+    if len(np.unique(vertices, axis=0)) < len(vertices):
+        return False  # two corners became one
+    if not face_normals(vertices[faces]).any(axis=1).all():
+        return False
+    _, pairs, _ = predicates.find_self_intersections(
+        np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64)
+    )
+    return len(pairs) == 0

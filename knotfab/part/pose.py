@@ -41,11 +41,10 @@ class PoseAccount:
     too_large: int
     within: bool
 
-    def figures(self, body: str | None = None) -> PoseFigures:
-        """Make the pose's entry in the report, with the name of a body on a plate."""
+    def figures(self) -> PoseFigures:
+        """Make the pose's entry in the report."""
         return PoseFigures(
             **vars(_figures(self.chosen)),
-            body=body,
             chosen_by="supports, height and footprint",
             tried=self.tried,
             too_large=self.too_large,
@@ -105,7 +104,7 @@ def choose_pose(
             frame, for that advice; the tube's thickness by default.
 
     Raises:
-        SceneError: no such pose fits; names the sizes and the largest frame that would.
+        SceneError: no such pose fits; names the sizes and the largest --size that would.
     """
     points = _hull_corners(np.concatenate([vertices for vertices, _ in tubes]))
     room = np.asarray(build_volume_mm, dtype=np.float64)
@@ -317,11 +316,12 @@ def _explain_too_large(
             f"Scale the piece to at most {100 * scale:.1f} % of its size, or use another printer"
         )
     else:
-        width, height = (floor(10 * scale * side) / 10 for side in frame)
-        remedy = f"The largest frame that would fit is {width:.1f} x {height:.1f} mm"
+        longer = scale * max(frame)
+        largest = floor(longer) if longer >= 10 else floor(10 * longer) / 10
+        remedy = f"Use --size {largest:g}, another printer, or cut it in the slicer"
     return SceneError(
         "the printer's build volume",
-        f"the piece measures {_join_sides(size)} mm as it fits best, "
+        f"the piece is too large for this bed: it measures {_join_sides(size)} mm as it fits best, "
         f"and the printer holds {_join_sides(room)} mm",
         remedy,
     )

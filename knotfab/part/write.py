@@ -17,13 +17,12 @@ from knotfab.geometry.tube import Mesh, join_meshes
 from knotfab.knots import count_in_words
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.files import About, write_3mf, write_coloured_3mf, write_stl
-from knotfab.part.plates import Plates
 from knotfab.picture.read import Target
 from knotfab.render.pages import length
 from knotfab.render.part_picture import draw_part, place_eyes
 from knotfab.scene.load import dump_scene
 from knotfab_formats.libraries import took_part
-from knotfab_formats.piece import FramePlate, Plate, Pose
+from knotfab_formats.piece import FramePlate, Pose
 from knotfab_formats.scene import ResolvedView, SettledScene
 
 Row = tuple[float, float, float, float]
@@ -33,20 +32,14 @@ COLOURED = "part-colours.3mf"
 _PALETTE = ("#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7")
 
 
-def make_pose(matrix: Array, plates: Plates | None = None, suffix: str = "") -> Pose:
+def make_pose(matrix: Array) -> Pose:
     """Make the scene's [pose]: `matrix` (4, 4) takes part.stl to the scene."""
-    if plates is None:
-        return Pose(matrix=_rows(matrix))
-    each = tuple(
-        Plate(file=name, matrices=tuple(_rows(motion) for motion in plate.to_part))
-        for name, plate in zip(plates.files(suffix), plates.plates, strict=True)
-    )
-    return Pose(matrix=_rows(matrix), plates=each)
+    return Pose(matrix=_rows(matrix))
 
 
-def pose_scene(part: Part, suffix: str = "") -> SettledScene:
+def pose_scene(part: Part) -> SettledScene:
     """Add to the part's scene, its mount resolved, the pose that takes the written files to it."""
-    pose, scene = make_pose(part.pose.matrix, part.plates, suffix), part.mounted.scene
+    pose, scene = make_pose(part.pose.matrix), part.mounted.scene
     table, _ = part.framing
     sheets = () if table is None else table.sheets
     frame = tuple(
@@ -69,7 +62,7 @@ def write_part(
     colours: bool = False,
     suffix: str = "",
 ) -> None:
-    """Write part.stl and .3mf, the plates, knots.json, the pictures and
+    """Write part.stl and .3mf, knots.json, the pictures and
     scene.toml.
 
     Args:
@@ -80,11 +73,6 @@ def write_part(
     about = about_part(part, scene, targets)
     write_stl(folder.file(f"part{suffix}.stl"), part.bodies)
     write_3mf(folder.file(f"part{suffix}.3mf"), part.bodies, about)
-    if part.plates is not None:
-        laid = zip(part.plates.files(suffix), part.plates.plates, strict=True)
-        for number, (name, plate) in enumerate(laid, start=1):
-            own = replace(about, title=f"{about.title}, plate {number}")
-            write_3mf(folder.file(name), plate.bodies, own)
     if colours:
         count = len(part.bodies)
         paint = [scene.material.color, *(_PALETTE[k % len(_PALETTE)] for k in range(count - 1))]

@@ -29,14 +29,7 @@ from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
 from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 Line = TypeVar("Line", EffectLine, LimitLine)
-_OF_FRAME = (
-    "pose",
-    "plates",
-    "flatter",
-    "support_access",
-    "bars",
-    "feet",
-)  # keys of `print` told by frame
+_OF_FRAME = ("pose", "flatter", "support_access", "bars", "feet")  # keys of `print` told by frame
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")  # keys of `print` summed over frames
 _FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
 
@@ -86,7 +79,7 @@ def sequence_report(
     """
     views, all_checks = _list_views(reports, pieces, frames, motions), [r.checks for r in reports]
     together = (*_merge_checks(all_checks), *checks)
-    slicings = {name: one for piece in pieces for name, one in piece.sliced.items()}
+    slicings = {f"part{p.suffix}.3mf": p.sliced for p in pieces if p.sliced is not None}
     sliced = sum_slicings(slicings) if slicings else None
     print_, settings = _sum_prints(reports), reports[0].settings
     limits = _merge_limits(reports)

@@ -14,8 +14,8 @@ from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.design.sentence import tell_doubts
 from knotfab.part.files import read_back_strict
-from knotfab.part.slicer_process import NotSliced, Sliced, sum_slicings
-from knotfab.pipeline.piece import WrittenPiece, files_for_slicer
+from knotfab.part.slicer_process import NotSliced, Sliced
+from knotfab.pipeline.piece import WrittenPiece
 from knotfab.pipeline.settle import tell_depth
 from knotfab.report.drill_template import write_drill_template
 from knotfab.report.effects import (
@@ -148,11 +148,11 @@ def _report_unbuilt(piece: WrittenPiece, request: Request) -> Report:
 
 
 def _wait_for_slicer(piece: WrittenPiece, progress: Progress) -> Sliced | NotSliced | None:
-    """Wait until all files of a piece are sliced, and sum the results; None if nothing is sliced."""
+    """Wait until a piece is sliced; None if it is not to be."""
     with progress.stage("slicer"):
-        while piece.slicer and wait(piece.slicings.values(), _TOLD_S).not_done:
+        while piece.slicer and piece.slicing and wait([piece.slicing], _TOLD_S).not_done:
             progress.update(piece.slicer.done, even=False)
-        return sum_slicings(piece.sliced) if piece.sliced else None
+        return piece.sliced
 
 
 def _draw_bendings(piece: WrittenPiece, folder: OutputFolder) -> None:
@@ -299,13 +299,9 @@ def _collect_viewer_data(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:
-    """Read the 3MF files back with lib3mf, and return its warnings, prefixed by file if there are several."""
-    assert piece.part is not None
-    whole, coloured = (
-        folder.file(f"{name}{piece.suffix}.3mf") for name in ("part", "part-colours")
-    )
-    others = {*files_for_slicer(folder, piece.part, piece.suffix), coloured} - {whole}
-    warnings = read_back_strict(whole)
-    for path in sorted(p for p in others if p.is_file()):
-        warnings += [f"{path.name}: {warning}" for warning in read_back_strict(path)]
+    """Read the 3MF files back with lib3mf, and return its warnings."""
+    warnings = read_back_strict(folder.file(f"part{piece.suffix}.3mf"))
+    coloured = folder.file(f"part-colours{piece.suffix}.3mf")
+    if coloured.is_file():
+        warnings += [f"{coloured.name}: {warning}" for warning in read_back_strict(coloured)]
     return warnings

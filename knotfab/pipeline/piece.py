@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -33,7 +33,7 @@ class WrittenPiece:
     """One piece as written. `part` is None if none could be made of its knots.
 
     `scene` has the pose. `suffix` is in the names of its files, such as "-01" for a frame of a sequence.
-    `answer` waits for the validators' verdict, and `slicings` hold the slicer's pending results, by file.
+    `answer` waits for the validators' verdict, and `slicing` for the slicer's result.
     """
 
     made: Design
@@ -42,7 +42,7 @@ class WrittenPiece:
     targets: tuple[Target, ...]
     suffix: str
     answer: Callable[[], Verdict]
-    slicings: dict[str, Future[Sliced | NotSliced]] = field(default_factory=dict)
+    slicing: Future[Sliced | NotSliced] | None = None
     flattening: Flattening | None = None
     slicer: SlicerQueue | None = None
     notes: tuple[str, ...] = ()  # sentences for the report
@@ -58,9 +58,9 @@ class WrittenPiece:
         return self.answer()
 
     @cached_property
-    def sliced(self) -> dict[str, Sliced | NotSliced]:
-        """The slicer's result for each file; waits for it."""
-        return {name: slicing.result() for name, slicing in self.slicings.items()}
+    def sliced(self) -> Sliced | NotSliced | None:
+        """The slicer's result; waits for it."""
+        return None if self.slicing is None else self.slicing.result()
 
 
 Settled = tuple[Design, Part, Flattening | None]
@@ -111,12 +111,11 @@ def write_piece(
         scene = write_unbuilt(folder, made, targets, suffix)
         return WrittenPiece(made, scene, None, targets, suffix, lambda: verdict_without_part(why))
     with progress.stage("part"):
-        scene = pose_scene(part, suffix)
+        scene = pose_scene(part)
         write_part(folder, part, scene, targets, request.colours, suffix)
-    slicings = {}
+    slicing = None
     if request.printing and "slicer" not in request.skip:
-        printed = files_for_slicer(folder, part, suffix)
-        slicings = {path.name: slicer.submit(path, scene) for path in printed}
+        slicing = slicer.submit(folder.file(f"part{suffix}.3mf"), scene)
     files = Files(
         folder.file(f"part{suffix}.stl"),
         folder.file(f"knots{suffix}.json"),
@@ -127,19 +126,14 @@ def write_piece(
     answer = verifier.submit(files).result
     with progress.stage("part"):
         write_model(folder, part, scene, suffix)
-    return WrittenPiece(made, scene, part, targets, suffix, answer, slicings, flattening, slicer)
+    return WrittenPiece(made, scene, part, targets, suffix, answer, slicing, flattening, slicer)
 
 
 def discard_piece(piece: WrittenPiece, folder: OutputFolder, aside: Path | None = None) -> None:
     """Remove all files of a piece, or move them `aside`, once no slicer reads them any more."""
-    wait([slicing for slicing in piece.slicings.values() if not slicing.cancel()])
-    own = re.compile(rf"[a-z-]+{piece.suffix}(-\d+)?\.\w+")  # such as "plate-03-1.3mf" for "-03"
+    if piece.slicing is not None and not piece.slicing.cancel():
+        wait([piece.slicing])
+    own = re.compile(rf"[a-z-]+{piece.suffix}\.\w+")
     for path in list(folder.work.iterdir()):
         if own.fullmatch(path.name):
             path.unlink() if aside is None else path.rename(aside / path.name)
-
-
-def files_for_slicer(folder: OutputFolder, part: Part, suffix: str) -> list[Path]:
-    """List the files to print: the part, or its plates."""
-    names = [f"part{suffix}.3mf"] if part.plates is None else part.plates.files(suffix)
-    return [folder.file(name) for name in names]

@@ -33,7 +33,6 @@ _NO_WORDS = "#words { display: none }"  # they stand beside it
 # the file that a maker opens first comes first
 FILES = (
     (r"part(-\d+)?\.3mf", "for the slicer: the whole piece, in print pose"),
-    (r"plate(-\d+)+\.3mf", "for the slicer: what is printed in one go"),
     (r"table-\d+\.3mf", "for the slicer: the frame that holds screen, piece and lamps"),
     (r"part-colours(-\d+)?\.3mf", "the same, its bodies by name and colour"),
     (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),

@@ -56,20 +56,7 @@ def report_posing(
     if printing:
         print_, told = _with_supports(print_, part, suffix, access)
         notes += told
-    plates = None if part.plates is None else part.plates.figures(suffix)
-    if part.plates is not None and plates is not None:
-        names, cuts = part.plates.files(suffix), sum(plates.cuts_of_knots)
-        joints = ""
-        if plates.pin_diameter_mm is not None:
-            joints = (
-                f" {cuts} cuts are joined by pins of {plates.pin_diameter_mm[0]:.1f} mm and more: "
-                "a drop of glue each."
-            )
-        notes.append(
-            f"The printer does not hold the whole piece: print {names[0]} to {names[-1]}; "
-            f"part{suffix}.3mf shows how they go together.{joints}"
-        )
-    return replace(print_, pose=pose, plates=plates), notes
+    return replace(print_, pose=pose), notes
 
 
 def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
@@ -123,11 +110,11 @@ def _tell_flattening(flattening: Flattening | None) -> list[str]:
 
 
 def find_access(part: Part) -> SupportAccess | None:
-    """Measure whether supports come out; None without any, or for a part cut into plates."""
+    """Measure whether supports come out; None without any."""
     from knotfab.part.assemble import rules_of
 
     rules = rules_of(part.mounted.scene)
-    if part.plates is not None or not rules.supports or rules.powder:
+    if not rules.supports or rules.powder:
         return None
     return measure_access(part.bodies, rules)
 
@@ -141,7 +128,7 @@ def _with_supports(
 
     scene, notes, flatter = part.mounted.scene, list[str](), None
     seconds, grams, supports = print_.time_s, print_.filament_g, print_.support_g
-    tall = part.pose.account is not None and part.plates is None and scene.piece.depth != 0
+    tall = part.pose.account is not None and scene.piece.depth != 0
     # with several views less depth of one is less width of another
     if tall and len(scene.views) == 1 and seconds and grams and supports is not None:
         sliced = Flatter(1.0, seconds / 3600, grams, supports)

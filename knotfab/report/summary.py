@@ -12,7 +12,6 @@ from knotfab_formats.verdict import (
     HELD,
     KNOTS,
     MESH,
-    PLATES,
     PRINTING,
     SHADOWS,
     TABLE,
@@ -24,7 +23,7 @@ from knotfab_formats.verdict import (
 )
 
 # names that `--skip` knows: the validators' checks, the rendering that some of them use, the slicer
-_OF_PRINT = (*HELD, *PRINTING, *UPRIGHT, *PLATES, *TABLE)
+_OF_PRINT = (*HELD, *PRINTING, *UPRIGHT, *TABLE)
 CHECKS = ("shadow-render", "slicer", *SHADOWS, *KNOTS, *MESH, *FILES, *TUBE, *_OF_PRINT)
 
 _TALLIED = {"pass": "passed", "fail": "failed", "warn": "not required and not met"}

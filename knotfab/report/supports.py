@@ -70,7 +70,7 @@ def estimate_other(print_: Print, scene: ResolvedScene, asked: ResolvedScene) ->
         scene: as built. asked: as a person wrote it, where the depth may be open.
     """
     hours, grams, box = print_.time_s, print_.filament_g, print_.bounding_box_mm
-    if hours is None or not grams or box is None or scene.mount.kind != "none" or print_.plates:
+    if hours is None or not grams or box is None or scene.mount.kind != "none":
         return None
     if scene.piece.supports == "none":
         longer = max(box[:2])

@@ -70,7 +70,7 @@ ELSEWHERE = {
 assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())
 # as dear as a minute of other tests: tests/part/test_plates.py, tests/start/test_tie.py and
 # tests/search/test_search.py have their parts
-STUDIES = {"plates", "knot of a given type", "repairs alone"}
+STUDIES = {"knot of a given type", "repairs alone"}
 QUICKEST = [
     pytest.param(
         Cell(row, row.quickest),

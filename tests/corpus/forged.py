@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from knotfab.geometry.tube import as_manifold, as_mesh
-from knotfab.part.plates import clean_body
+from knotfab.part.assemble import clean_body
 from knotfab_formats.verdict import KNOTS, PRINTING, SHADOWS
 from knotfab_validators import validate
 from knotfab_validators.files.mesh import read_mesh

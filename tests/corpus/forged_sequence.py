@@ -18,8 +18,7 @@ from PIL import Image, ImageDraw
 from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots, read_knots
-from knotfab.part.assemble import part_of
-from knotfab.part.plates import clean_body
+from knotfab.part.assemble import clean_body, part_of
 from knotfab.part.write import pose_scene, write_part
 from knotfab.picture.read import Target
 from knotfab.scene.camera import camera_of

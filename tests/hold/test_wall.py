@@ -19,7 +19,7 @@ from knotfab.hold.shade import Rays, free_rays
 from knotfab.hold.struts import Candidates, join_members
 from knotfab.hold.wall import Peg, plan_wall, sag_on_pegs, wall_bodies
 from knotfab.knots import Knots
-from knotfab.part.plates import clean_body
+from knotfab.part.assemble import clean_body
 from knotfab_formats.piece import Mount
 
 ONE = knots(ring(50.0))

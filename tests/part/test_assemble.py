@@ -21,8 +21,7 @@ from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import as_manifold, as_mesh, mesh_volume, sweep
 from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
-from knotfab.part.assemble import Part, _choose_poses, enlarge_knots, shrink_of
-from knotfab.part.plates import clean_body
+from knotfab.part.assemble import Part, _choose_pose, clean_body, enlarge_knots, shrink_of
 from knotfab.part.write import make_pose, pose_scene, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Target
 from knotfab.report.posing import report_posing
@@ -67,8 +66,8 @@ def posed(shrinkage: float, room: float = 250.0) -> Part:
     scene = resolve(Scene(**keys))
     mounted: Any = Mounted(tubes, ["knot 1", "knot 2"], scene, None)
     made: Any = SimpleNamespace(scene=scene, knots=own)
-    mounted, pose, plates = _choose_poses(made, mounted, True, [CAMERA], [MASK])
-    return Part(list(pose.tubes), pose, mounted, plates)
+    mounted, pose = _choose_pose(made, mounted, True)
+    return Part(list(pose.tubes), pose, mounted)
 
 
 def test_what_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
@@ -88,21 +87,6 @@ def test_what_is_printed_is_larger_and_the_pose_takes_it_back() -> None:
     assert found.pose is not None and found.pose.shrinkage_percent == 4.0
 
 
-@pytest.mark.slow
-def test_the_printer_must_hold_what_is_printed_plates_too() -> None:
-    whole, parted = posed(0.0, 61.0), posed(4.0, 61.0)
-    assert whole.plates is None and parted.plates is not None
-    (first, motion), *_ = [
-        (body, motion)
-        for plate in parted.plates.plates
-        for body, motion in zip(plate.bodies, plate.to_part, strict=True)
-    ]
-    assert motion[:3, :3] @ motion[:3, :3].T == pytest.approx(np.eye(3), abs=1e-9)
-    laid = first[0] @ motion[:3, :3].T + motion[:3, 3]
-    there = np.concatenate([vertices for vertices, _ in parted.bodies])
-    assert max(np.linalg.norm(there - at, axis=1).min() for at in laid[::9]) < 1e-3
-
-
 PICTURED = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")
 
 
@@ -114,7 +98,6 @@ def rings(count: int) -> Any:
         bodies=[sweep(knot.points, 2.0, 12) for knot in knots],
         pose=SimpleNamespace(knots=Knots(knots, 2.0), matrix=np.eye(4)),
         mounted=Mounted([], [f"knot {k + 1}" for k in range(count)], Scene(), None),
-        plates=None,
         framing=(None, ""),
         standing=None,
         names=[f"knot {k + 1}" for k in range(count)],

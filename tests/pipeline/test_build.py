@@ -258,8 +258,8 @@ def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
 
 def test_skip_knows_every_check_of_a_report(good: Good) -> None:
     own = {"3mf", "isotopy", "limits"}  # the build's, not the validators'
-    of_others = (  # of pieces that hang, stand on a table, are cut into plates, or have several lamps
-        "shadow-render intrusion plate_mesh plates plates_volume slicer level colours lamp_colours "
+    of_others = (  # of pieces that hang, stand on a table, or have several lamps
+        "shadow-render intrusion slicer level colours lamp_colours "
         "table_mesh table_bars table table_shadow"
     )
     sometimes = {*of_others.split(), *UPRIGHT}

@@ -235,7 +235,7 @@ def _searched(iou: float = 0.8, bound: bool = False) -> Any:
 
 def _verified(*failed: str) -> Any:
     checks = [check_of(name, "fail") for name in failed]
-    return SimpleNamespace(verdict=SimpleNamespace(checks=checks), slicings={}, suffix="-01")
+    return SimpleNamespace(verdict=SimpleNamespace(checks=checks), slicing=None, suffix="-01")
 
 
 @pytest.mark.parametrize(
@@ -250,17 +250,15 @@ def test_a_failed_frame_is_tried_again_and_the_better_kept(
     chain: Any = SimpleNamespace(retry=lambda number: again, accept=accepted.append)
     written: list[object] = []
     folder: Any = SimpleNamespace(work=tmp_path)
-    others = {"plate-02-01.3mf", "part-02.stl", "scene.toml", "shadow-frame-02.png"}
-    for name in others | {"failures-01.png", "plate-01-12.3mf", "soft-frame-01.png"}:
+    others = {"part-02.stl", "scene.toml", "shadow-frame-02.png"}
+    for name in others | {"failures-01.png", "setup-01.pdf", "soft-frame-01.png"}:
         (tmp_path / name).touch()
-    # one slicing waits for its turn, the other has begun: it may still read the part
-    waits, runs = Future[Any](), Future[Any]()
+    piece.slicing = runs = Future[Any]()  # it has begun, and may still read the part
     runs.set_running_or_notify_cancel()
-    piece.slicings = {"plate-01-1.3mf": waits, "plate-01-2.3mf": runs}
     Timer(0.05, runs.set_result, [None]).start()
 
     def write(one: Any) -> Any:
-        assert waits.cancelled() and runs.done()
+        assert runs.done()
         assert {path.name for path in tmp_path.iterdir()} == others  # nothing of the one before
         written.append(one)
         (tmp_path / ("failures-01.png" if one is again else "part-01.stl")).touch()

@@ -90,7 +90,7 @@ class Played(Workshop):
         self.__dict__["built"].append(kind)
         checks = [replace(BAD, name=name) for name in self.__dict__["fails"].get(kind, ())]
         word = self.__dict__["words"].get(kind, "faithful")
-        piece = SimpleNamespace(made=made, scene=made.scene, note=note, suffix="", slicings={})
+        piece = SimpleNamespace(made=made, scene=made.scene, note=note, suffix="", slicing=None)
         self.folder.write("part.stl", kind)
         return piece, SimpleNamespace(checks=checks, verdict=SimpleNamespace(word=word))
 

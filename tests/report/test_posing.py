@@ -15,7 +15,6 @@ from solids import box, move, together
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import sweep
 from knotfab.part.orient import Flattening
-from knotfab.part.plates import Plates, PrintPlate
 from knotfab.part.slicer_process import NotSliced, Sliced, sum_slicings
 from knotfab.report.for_maker import tell_flatter
 from knotfab.report.posing import TOOLS_MM, find_access, measure_access, report_posing, tell_access
@@ -24,7 +23,6 @@ from knotfab.scene.load import parse_scene
 from knotfab_formats.print_figures import (
     Flatter,
     Kept,
-    PlateFile,
     PoseFigures,
     Print,
     SlicerCheck,
@@ -36,12 +34,12 @@ from knotfab_validators.geometry.mesh import Mesh
 BOX = (np.array([[0.0, 0, 0], [10, 20, 30]]), np.zeros((0, 3), dtype=np.int32))
 
 
-def part(plates: Plates | None = None, upright: object = None, scene: str = "") -> Any:
+def part(upright: object = None, scene: str = "") -> Any:
     pose = SimpleNamespace(account=None, size_mm=np.array([10.0, 20.0, 30.0]))
     mounted = SimpleNamespace(
         wall=None, stand=None, upright=upright, scene=resolve(parse_scene(scene))
     )
-    return SimpleNamespace(pose=pose, plates=plates, mounted=mounted, bodies=[BOX])
+    return SimpleNamespace(pose=pose, mounted=mounted, bodies=[BOX])
 
 
 def told(piece: Any, flattening: Flattening | None = None, **more: Any) -> tuple[Print, list[str]]:
@@ -52,14 +50,6 @@ def test_a_pose_that_the_mount_asks_for() -> None:
     found, notes = told(part(upright=np.eye(3)))
     assert found.pose == PoseFigures(chosen_by="the mount", height_mm=30.0, box_cm3=6.0)
     assert notes == []
-
-
-def test_plates_and_their_pins() -> None:
-    plates = Plates([PrintPlate([BOX], ["knot 1"], [np.eye(4)])] * 3, [2, 1], [(1.5, 4.0)] * 3, [])
-    found, (note,) = told(part(plates))
-    assert found.plates is not None
-    assert found.plates.files[2] == PlateFile("plate-3.3mf", ("knot 1",), (10.0, 20.0, 30.0))
-    assert "plate-1.3mf to plate-3.3mf" in note and "3 cuts are joined by pins of 1.5 mm" in note
 
 
 @pytest.mark.parametrize(
@@ -115,27 +105,27 @@ def make_sliced(time_s: float, *, passed: bool) -> Sliced:
     warning = SlicerWarning("empty layer", "", settled=True)
     return Sliced(
         "PrusaSlicer", "2.5", time_s, 1.0, 3.0, 0.5, 100, 1, (warning,), (check,),
-        "prusa-slicer --output plate-1.gcode plate-1.3mf", {}, 2.0,
+        "prusa-slicer --output part-01.gcode part-01.3mf", {}, 2.0,
     )  # fmt: skip
 
 
-def test_several_plates_are_summed_and_named() -> None:
+def test_several_frames_are_summed_and_named() -> None:
     plates = [make_sliced(60.0, passed=True), make_sliced(90.0, passed=False)]
-    both = sum_slicings({"plate-1.3mf": plates[0], "plate-2.3mf": plates[1]})
+    both = sum_slicings({"part-01.3mf": plates[0], "part-02.3mf": plates[1]})
     assert isinstance(both, Sliced)
     assert (both.time_s, both.filament_m, both.layers, both.objects) == (150.0, 2.0, 200, 2)
-    assert both.problems == ["plate-2.3mf: over the edge"]
-    assert [w.text.split(":")[0] for w in both.warnings] == ["plate-1.3mf", "plate-2.3mf"]
-    assert both.command == "prusa-slicer --output plate-N.gcode plate-N.3mf"
+    assert both.problems == ["part-02.3mf: over the edge"]
+    assert [w.text.split(":")[0] for w in both.warnings] == ["part-01.3mf", "part-02.3mf"]
+    assert both.command == "prusa-slicer --output part-NN.gcode part-NN.3mf"
 
 
 def test_one_file_is_not_renamed_and_one_that_fails_decides() -> None:
     one = make_sliced(60.0, passed=True)
     assert sum_slicings({"part.3mf": one}) is one
     thin, missing = NotSliced("refused", "it is thin"), NotSliced("missing", "not installed")
-    found = sum_slicings({"plate-1.3mf": one, "plate-2.3mf": thin})
-    assert found == NotSliced("refused", "plate-2.3mf: it is thin")
-    assert sum_slicings({"plate-1.3mf": missing, "plate-2.3mf": thin}) == missing
+    found = sum_slicings({"part-01.3mf": one, "part-02.3mf": thin})
+    assert found == NotSliced("refused", "part-02.3mf: it is thin")
+    assert sum_slicings({"part-01.3mf": missing, "part-02.3mf": thin}) == missing
 
 
 # How supports are reached: what is open, what is shut in, and windows that only some tools pass.

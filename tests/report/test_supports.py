@@ -34,7 +34,7 @@ def scene(supports: str, more: str = "mount.kind = 'none'") -> ResolvedScene:
 
 def sliced(grams: float, hours: float, supports: float = 0.0) -> Print:
     found = {"time_s": 3600 * hours, "filament_g": grams, "support_g": supports}
-    return replace(report_with().print, bounding_box_mm=(*ACROSS, 90.0), plates=None, **found)
+    return replace(report_with().print, bounding_box_mm=(*ACROSS, 90.0), **found)
 
 
 @pytest.mark.parametrize(("alone", "supported"), BOTH)

@@ -12,13 +12,11 @@ from validator_parts import PlainView
 from knotfab_formats import verdict as names
 from knotfab_formats.piece import Printer, Region
 from knotfab_validators import Check, validate
-from knotfab_validators.files.mesh import Plate
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import check_mesh
 from knotfab_validators.part_checks import part_checks
-from knotfab_validators.printing.plates import check_plates
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.part_shadows import shadow_checks
@@ -118,21 +116,6 @@ def _coarse_strands(beyond: float) -> Check:
     return check_clearance(mesh, curves, gap + rounding + beyond)
 
 
-def _pieces(name: str, *bodies: Body) -> Check:
-    """A box of 20 mm, made up of some bodies on one plate, which lie as they are."""
-    whole, laid = box((0, 0, 0), (20, 20, 20)), join(*bodies)
-    body = np.repeat(np.arange(len(bodies)), [len(b.vertices) for b in bodies])
-    plate = Plate("plate-1.3mf", _mesh(laid), body, np.stack([np.eye(4)] * len(bodies)))
-    return _find_check(name, check_plates(_mesh(whole), [plate], None))
-
-
-def _hollow(share: float) -> Check:
-    """The box with a hollow of that share of its volume."""
-    inner = box((5, 5, 5), (15, 15, 5 + 80 * share))
-    hollow = Body(inner.vertices, inner.faces[:, ::-1])
-    return _pieces("plates_volume", box((0, 0, 0), (20, 20, 20)), hollow)
-
-
 def _leaning(slope: float) -> Body:
     """A box of which one side leans outwards: the z of its normal is -`slope`."""
     body = box((10, 10, 0), (20, 20, 10))
@@ -165,8 +148,6 @@ TOLERATED: dict[str, Callable[[float], Check]] = {
     "tube": lambda f: _tube_of(3.0 * (1 + 0.04 * f)),
     "clearance": lambda f: _boxes_apart(0.5 + 20e-6 * f),
     "clearance of facets": lambda f: _coarse_strands(2 * 0.0235 * 3.0 * f),
-    "plates": lambda f: _pieces("plates", box((0, 0, 0), (20, 20, 20 + 0.05 * f))),
-    "plates_volume": lambda f: _hollow(max(0.02 * f, 1e-3)),
     "mesh_volume, too much": lambda f: _volume(1 + 0.005 * f),
     "mesh_volume, too little": lambda f: _volume(1 - 0.005 * f),
     "feature": lambda f: _print_check("feature", slab(0.4 - 1e-4 * f)),
@@ -348,7 +329,7 @@ def list_others(meant: str) -> list[str]:
 
     The surface is measured for printability all the same: of a broken one that would be skipped.
     """
-    groups = (names.SHADOWS, names.MESH, names.TUBE, names.KNOTS, names.PRINTING, names.PLATES)
+    groups = (names.SHADOWS, names.MESH, names.TUBE, names.KNOTS, names.PRINTING)
     others = [n for group in groups for n in group if meant not in (n, READ)]
     return ["shadow-render", *others]
 

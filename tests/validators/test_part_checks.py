@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from validator_parts import circle, tube
 
-from knotfab_formats.verdict import KNOTS, PLATES, PRINTING, Check
+from knotfab_formats.verdict import KNOTS, PRINTING, Check
 from knotfab_formats.verdict import MESH as MESH_CHECKS
-from knotfab_validators.files.mesh import Plate
 from knotfab_validators.files.scene import Scene, parse_scene
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
@@ -88,26 +87,17 @@ NO_NUMBER = Mesh(
 
 
 @pytest.mark.parametrize(
-    ("part", "printed", "why"),
+    ("part", "why"),
     [
-        (SMALL, None, None),
-        (OPEN, None, "the surface is broken (mesh_closed"),
-        (NO_NUMBER, None, "the surface is broken (mesh_"),
-        (SMALL, SMALL, None),
-        (SMALL, OPEN, "the surface of a plate is broken"),
+        (SMALL, None),
+        (OPEN, "the surface is broken (mesh_closed"),
+        (NO_NUMBER, "the surface is broken (mesh_"),
     ],
 )
-def test_a_broken_surface_is_never_called_printable(
-    part: Mesh, printed: Mesh | None, why: str | None
-) -> None:
-    """The part's, or that of the plate on which it is printed."""
-    plates = []
-    if printed is not None:
-        body = np.zeros(len(printed.vertices), dtype=np.int64)
-        plates = [Plate("plate-1.3mf", printed, body, np.eye(4)[None])]
+def test_a_broken_surface_is_never_called_printable(part: Mesh, why: str | None) -> None:
     asked, *others = PRINTING
-    skip = (*MESH_CHECKS, *PLATES, *others, "centre_line")
-    (check,) = (c for c in part_checks(part, None, scene(), {}, plates, skip) if c.name == asked)
+    skip = (*MESH_CHECKS, *others, "centre_line")
+    (check,) = (c for c in part_checks(part, None, scene(), {}, skip) if c.name == asked)
     assert check.status == ("skipped" if why else "pass")
     assert check.detail.startswith(why or check.detail)
 

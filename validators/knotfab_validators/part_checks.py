@@ -13,18 +13,12 @@ from knotfab_formats.verdict import HELD, KNOTS, MESH, PRINTING, UPRIGHT, Check
 from knotfab_validators.arrays import Array
 from knotfab_validators.asked_mount import asked_of_mount, threads_of
 from knotfab_validators.check import skip_check, time_stage
-from knotfab_validators.files.mesh import Plate
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import TooMuchWork
 from knotfab_validators.knots.knot_types import knot_checks
 from knotfab_validators.mesh.surface_checks import check_mesh
-from knotfab_validators.printing.plates import (
-    check_bars,
-    check_plates,
-    check_plates_printable,
-    part_bars,
-)
+from knotfab_validators.printing.bars import check_bars, part_bars
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.printing.slices import slice_layers
 from knotfab_validators.printing.standing import check_level
@@ -50,7 +44,6 @@ def part_checks(
     curves: Curves | None,
     scene: Scene | None,
     seconds: dict[str, float],
-    plates: Sequence[Plate] = (),
     skip: Collection[str] = (),
     printed: Mesh | None = None,
 ) -> list[Check]:
@@ -59,8 +52,7 @@ def part_checks(
     The thickness must reach the tube's radius plus, if there is a scene, half its clearance;
     without a known radius it is only measured. Checks whose file is not given are skipped, and say
     so. A group that `skip` names entirely is not measured, except that printability needs the
-    surface. On `plates`, the plates are what must be printable and fit the printer, and they must
-    make up the part. `printed` is the part before it shrinks, if it does. The seconds of each group
+    surface. `printed` is the part before it shrinks, if it does. The seconds of each group
     are added to `seconds`.
 
     A part without knots is searched for its centre lines (`centre_line`). Thickness, knot type and
@@ -72,7 +64,7 @@ def part_checks(
     checks = _check_lines(mesh, curves, scene, seconds, skip)
     checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
     checks += _leave_out(["mount"], skip) or [_check_mount(mesh, curves, scene, seconds)]
-    checks += _check_surface(mesh, curves, scene, seconds, plates, skip, whole)
+    checks += _check_surface(mesh, curves, scene, seconds, skip, whole)
     if scene is None or not _is_upright(scene) or set(UPRIGHT) <= set(skip):
         return checks
     with time_stage(seconds, "upright"):
@@ -111,7 +103,6 @@ def _check_surface(
     curves: Curves | None,
     scene: Scene | None,
     seconds: dict[str, float],
-    plates: Sequence[Plate],
     skip: Collection[str],
     printed: Mesh | None,
 ) -> list[Check]:
@@ -128,15 +119,7 @@ def _check_surface(
         with time_stage(seconds, "region"):
             pose = None if scene.pose is None else scene.pose.matrix
             checks.append(check_region(scene.region, pose, curves, mesh, scene.surface))
-            if not plates:
-                checks.append(_check_build_volume(printed, scene))
-    if printed is not None and scene is not None and plates:
-        with time_stage(seconds, "plates"):
-            checks += check_plates(printed, plates, scene.printer.stated("build_volume_mm"))
-        modulus = scene.material.young_modulus_mpa if _is_upright(scene) else None
-        return checks + (
-            left or check_plates_printable(plates, scene.printer, checks, seconds, modulus)
-        )
+            checks.append(_check_build_volume(printed, scene))
     return checks + (left or _check_printability(printed, curves, scene, checks, seconds))
 
 

@@ -21,7 +21,7 @@ from knotfab_formats.verdict import (
 )
 from knotfab_validators.check import BadFile, rescale, skip_check, time_stage
 from knotfab_validators.conclusion import ask_unit, conclude, draw_failures, size_of
-from knotfab_validators.files.mesh import Plate, read_mesh, read_plates, read_table
+from knotfab_validators.files.mesh import Plate, read_mesh, read_table
 from knotfab_validators.files.scene import read_knots
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
@@ -52,7 +52,6 @@ class Piece:
     printed: Mesh | None
     lines: Curves | None
     setting: Scene | None
-    plates: Sequence[Plate]
     table: Sequence[Plate]  # bars of the frame that holds the lamps
     mesh: Mesh | None
     curves: Curves | None
@@ -122,17 +121,15 @@ def read_piece(
             from knotfab_validators.files.scene import read_scene  # needed for this alone
 
             setting = read_scene(scene_path)
-        laid: list[list[Plate]] = [[], []]
+        table: list[Plate] = []
         if scene_path and setting and printed:
-            laid = [read(scene_path.parent, setting) for read in (read_plates, read_table)]
+            table = read_table(scene_path.parent, setting)
     mesh, curves, left = printed, lines, 1.0
     if setting is not None and setting.material.shrinkage_percent > 0:
         left = setting.material.shrinks_to
         mesh, curves = _shrink(mesh, curves, left)
     told = (left, tuple(notes), seconds["read"])
-    return Piece(
-        part_path, scene_path, printed, lines, setting, laid[0], laid[1], mesh, curves, *told
-    )
+    return Piece(part_path, scene_path, printed, lines, setting, table, mesh, curves, *told)
 
 
 def measure_piece(
@@ -150,7 +147,7 @@ def measure_piece(
     if setting is not None and setting.unprinted:
         skip = {*skip, *PRINTER}
     if only != "shadows":
-        measured = mesh, piece.curves, setting, seconds, piece.plates, skip, piece.printed
+        measured = mesh, piece.curves, setting, seconds, skip, piece.printed
         checks += part_checks(*measured)
         checks.append(_check_beside(piece.printed, piece.part, skip, seconds))
         checks += _check_table(piece, skip, seconds)

@@ -29,7 +29,7 @@ _SHOWN = (
     "slicer.ini",
 )  # fmt: skip
 # prefixes of further files
-_ALSO = "plate-", "table-", "colours", "part-", "setup-", "shadow-", "centre-lines"
+_ALSO = "table-", "colours", "part-", "setup-"
 Kind = Literal["one", "views", "frames"]
 
 

@@ -214,10 +214,10 @@ def test_one_odd_build_leaves_the_others(runs: Path, tmp_path: Path) -> None:
 @pytest.mark.skipif(os.name == "nt", reason="links need rights there")
 def test_only_what_can_be_had_is_listed(tmp_path: Path) -> None:
     (tmp_path / "part.3mf").write_text("")
-    (tmp_path / "plate-1.3mf").write_text("")
-    (tmp_path / "plate-9.3mf").symlink_to("/etc/passwd")
+    (tmp_path / "table-1.3mf").write_text("")
+    (tmp_path / "table-9.3mf").symlink_to("/etc/passwd")
     (tmp_path / "setup.pdf").mkdir()
-    assert describe_folder(tmp_path, False)["files"] == ["part.3mf", "plate-1.3mf"]
+    assert describe_folder(tmp_path, False)["files"] == ["part.3mf", "table-1.3mf"]
 
 
 def test_a_build_that_ran_when_the_studio_was_killed(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.curves import Bar
 from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
 from knotfab_validators.part_checks import part_checks
-from knotfab_validators.printing.plates import check_bars, part_bars
+from knotfab_validators.printing.bars import check_bars, part_bars
 from knotfab_validators.printing.slices import measure_pieces, slice_layers
 from knotfab_validators.shadows.exact_shadow import ShadowCaster, shadow_mask
 from knotfab_validators.shadows.part_shadows import shadow_checks

@@ -23,7 +23,6 @@ from knotfab_validators.files.threemf import corners_3mf, is_3mf
 from knotfab_validators.geometry.mesh import Corners, Mesh, join_rounded, merge_equal, number_bodies
 
 if TYPE_CHECKING:
-    from knotfab_formats.piece import Plate as Listed
     from knotfab_formats.scene import Scene
 
 ROUNDING_MM = 1e-4  # a hundredth of what any printer resolves
@@ -107,12 +106,12 @@ def _corners_plain(content: bytes, name: str) -> Corners:
     return np.ascontiguousarray(corners)
 
 
-# The plates on which a part is printed in several pieces: 3MF files beside the scene.
+# The plates on which the frame for several lamps is printed: 3MF files beside the scene.
 
 
 @dataclass(frozen=True)
 class Plate:
-    """A plate: its whole mesh in its own print coordinates, and the motion of each body into the part.
+    """A plate: its whole mesh in its own print coordinates, and the motion of each body into the scene.
 
     `body` (n,) is the number of each vertex's body, in the order of their first faces; `to_part` (k, 4, 4)
     are the scene's motions. There may be more bodies than motions, or fewer.
@@ -128,36 +127,20 @@ class Plate:
         return int(self.body.max()) + 1
 
     def in_part(self, points: Array, body: Ints) -> Array:
-        """Move points (n, 3) of the plate, which lie on the bodies (n,), to where they are in the part."""
+        """Move points (n, 3) of the plate, which lie on the bodies (n,), to where they are in the scene."""
         motion = self.to_part[body.clip(max=len(self.to_part) - 1)]
         moved: Array = np.einsum("nij,nj->ni", motion[:, :3, :3], points) + motion[:, :3, 3]
         return moved
 
-    def places(self, points: Array) -> Array:
-        """Move any points (n, 3) of the plate into the part; each goes with its nearest vertex."""
-        from scipy.spatial import cKDTree
 
-        _, nearest = cKDTree(self.mesh.vertices).query(points)
-        return self.in_part(points, self.body[nearest])
-
-
-def read_plates(folder: Path, scene: Scene) -> list[Plate]:
-    """Read the plates that the scene names, from `folder`.
+def read_table(folder: Path, scene: Scene) -> list[Plate]:
+    """Read the plates of the frame that holds the lamps.
 
     Raises:
         BadFile: a plate cannot be read.
     """
-    return _read(folder, scene.pose.plates if scene.pose is not None else ())
-
-
-def read_table(folder: Path, scene: Scene) -> list[Plate]:
-    """Read the plates of the frame that holds the lamps; `to_part` moves their bodies into the scene."""
-    return _read(folder, scene.lamps.table)
-
-
-def _read(folder: Path, listed: tuple[Listed, ...]) -> list[Plate]:
     found = []
-    for plate in listed:
+    for plate in scene.lamps.table:
         mesh = read_mesh(folder / plate.file)
         to_part = np.array(plate.matrices, dtype=np.float64)
         found.append(Plate(plate.file, mesh, number_bodies(mesh)[0], to_part))

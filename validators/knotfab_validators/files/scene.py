@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path, PurePath
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from pydantic import PrivateAttr
 
 from knotfab_formats.bounds import Matrix
 from knotfab_formats.errors import InputError, short
-from knotfab_formats.piece import Plate, Pose
+from knotfab_formats.piece import FramePlate, Pose
 from knotfab_formats.read import parse_toml, scene_of
 from knotfab_formats.scene import Scene as AskedScene
 from knotfab_validators.arrays import Array
@@ -111,7 +111,7 @@ def parse_scene(
         update["pose"] = _read_pose(scene.pose, name, scene.material.shrinks_to)
     if scene.lamps.table:
         where = f"{name}: [lamps] table"
-        table = _read_plates(scene.lamps.table, where, "table")
+        table = _read_plates(scene.lamps.table, where)
         for bar in (bar for plate in table for bar in plate.bars):
             _require_motion(bar.matrix, f"{where}: the matrix of a bar")
         update["lamps"] = scene.lamps.but(table=table)
@@ -122,20 +122,16 @@ def parse_scene(
 
 
 def _read_pose(pose: Pose, name: str, shrinks_to: float) -> Pose:
-    """Take the shrinkage out of the pose, and name the files of its plates."""
-    plates = _read_plates(pose.plates, f"{name}: [pose] plates", "plate")
+    """Take the shrinkage out of the pose."""
     matrix = _require_motion(pose.matrix, f"{name}: [pose] matrix", shrinks_to)
-    return Pose.model_construct(matrix=matrix, plates=plates)
+    return Pose.model_construct(matrix=matrix)
 
 
-_Listed = TypeVar("_Listed", bound=Plate)
-
-
-def _read_plates(plates: tuple[_Listed, ...], where: str, stem: str) -> tuple[_Listed, ...]:
+def _read_plates(plates: tuple[FramePlate, ...], where: str) -> tuple[FramePlate, ...]:
     """Return the plates with rigid motions, and with file names beside the scene."""
     found = []
     for number, plate in enumerate(plates, start=1):
-        file = plate.file or f"{stem}-{number}.3mf"
+        file = plate.file or f"table-{number}.3mf"
         if PurePath(file).name != file:
             raise BadFile(f"{where}: {short(file)} is not the name of a file beside the scene")
         motions = tuple(_require_motion(one, f"{where}: a matrix") for one in plate.matrices)
