@@ -21,7 +21,7 @@ from knotfab.apps.tradeoff.points import PRESET, Measured
 from knotfab.apps.tradeoff.run import Tradeoff, measure_tradeoff, to_dict
 from knotfab.base.disk import write_whole
 from knotfab.base.progress import Progress
-from knotfab.pipeline.read_options import read_seconds
+from knotfab.pipeline.values import read_seconds
 from knotfab_formats.scene import Scene
 
 COMMAND = "python -m benchmarks.frontier"

@@ -89,7 +89,8 @@ def build(
     sources: list[Source] = [pictures]
     if isinstance(pictures, Sequence) and not isinstance(pictures, str):
         sources = list(pictures)
-    given = options_from({**options, "out": out})
+    with _in_keywords(""):
+        given = options_from({**options, "out": out})
     words = [f"{key}={value!r}" for key, value in options.items()]
     shown = [str(s) if isinstance(s, str | Path) else f"<{type(s).__name__}>" for s in sources]
     command = f"knotfab.build({', '.join([repr(shown), repr(out and str(out)), *words])})"
@@ -125,7 +126,7 @@ def _in_keywords(place: str) -> Iterator[None]:
         return f"{name}={value!r}" if value.islower() else f"{name}={value}"
 
     def plain(sentence: str) -> str:
-        sentence = sentence.replace(place, "")
+        sentence = sentence.replace(place, "") if place else sentence
         return sentence if "knotfab " in sentence else OPTION.sub(keyword, sentence)
 
     try:

@@ -51,7 +51,7 @@ def test_options_take_a_librarys_own_types(tmp_path: Path) -> None:
         {"tube_radius": 2.5, "time_budget": 30, "scene": "a.toml", "skip": "slicer", "print": True}
     )
     assert given == BuildOptions(
-        tube_radius="2.5", time_budget="30", scene=Path("a.toml"), skip=("slicer",), print_=True
+        tube_radius=2.5, time_budget="30", scene=Path("a.toml"), skip=("slicer",), print_=True
     )
     with pytest.raises(knotfab.InputError, match="option mout") as error:
         knotfab.build("text:o", tmp_path / "out", mout="wall")

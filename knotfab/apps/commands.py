@@ -292,7 +292,8 @@ def tradeoff(
     """
     from knotfab.base.progress import Progress
     from knotfab.picture.read import read_target
-    from knotfab.pipeline.read_options import read_scene, read_seconds
+    from knotfab.pipeline.read_options import read_scene
+    from knotfab.pipeline.values import read_seconds
 
     bounded = ("--repeats", repeats, 1), ("--jobs", jobs, 1), ("--combinations", combinations, 0)
     for name, value, least in bounded:

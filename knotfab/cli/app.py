@@ -86,7 +86,7 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
     gc.set_threshold(20_000, 20, 20)
 
     guard_streams()
-    from knotfab.cli.commands import app, call_clock
+    from knotfab.cli.commands import app, build_help, call_clock
 
     if began is None and arguments is None:
         from knotfab.base.progress import process_age
@@ -98,6 +98,8 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     refuse_command(words)
     words = pass_options(words)
+    build_help.every_option = "--help-all" in words
+    words = ["--help" if word == "--help-all" else word for word in words]
     _refuse_dashes(words)
     _mend_named(words)
     code = app(words, exit_on_error=False, print_error=False, result_action="return_value")

@@ -9,16 +9,20 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TextIO
+from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 from cyclopts import App, Parameter
 
 from knotfab.base.apps import VERSION, list_commands
 from knotfab.base.disk import open_stream
 from knotfab.base.errors import MachineError
-from knotfab.pipeline.options import OUTPUT, BuildOptions, Flag, Names, Place
+from knotfab.pipeline.options import GROUPS, OFTEN, OUTPUT, BuildOptions, Flag, Names, Place
 from knotfab_formats.errors import InputError
 from knotfab_formats.libraries import recording
+
+if TYPE_CHECKING:
+    from cyclopts.help import HelpPanel
+    from rich.console import Console, ConsoleOptions
 
 app = App(
     name="knotfab",
@@ -37,12 +41,32 @@ class CallClock:
     began: float | None = None
 
 
+@dataclass
+class BuildHelp:
+    """Prints the help of a build: those of its options that makers use, or all."""
+
+    every_option: bool = False
+
+    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
+        """Print one panel."""
+        from cyclopts.help import DefaultFormatter
+
+        if not self.every_option and panel.title in GROUPS:
+            panel = panel.copy(entries=[e for e in panel.entries if OFTEN & {*e.positive_names}])
+        if panel.entries:
+            DefaultFormatter()(console, options, panel)
+
+
+build_help = BuildHelp()
 call_clock = CallClock()
 _DEFAULTS = BuildOptions()
 
 
 @app.command(
-    help_epilogue="""Examples:
+    help_formatter=build_help,
+    help_epilogue="""All options: knotfab build --help-all
+
+Examples:
 
 ```
 knotfab build cat.png --print              checked against the printer
@@ -56,7 +80,7 @@ knotfab build parrot.png --lamps rgb       in colours, by the shadows of three l
 knotfab build --sequence walk/ --print     one part for each frame
 knotfab build --scene out/scene.toml       the same part again
 ```
-"""
+""",
 )
 def build(
     *pictures: str,

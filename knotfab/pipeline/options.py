@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from types import NoneType
 from typing import (
@@ -22,8 +23,8 @@ from typing import (
 from cyclopts import Group, Parameter, Token
 from pydantic import BaseModel
 
-from knotfab.base.errors import read_length, read_number
 from knotfab.base.progress import Mode
+from knotfab.pipeline.values import read_value, read_whole
 from knotfab_formats.bounds import option_of, sentences_of, values_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import About, Accuracy, Mount, Piece
@@ -42,28 +43,8 @@ OUTPUT = Group.create_ordered("Output")
 
 def _read_whole(_: object, tokens: Sequence[Token]) -> int:
     """Read a whole number; cyclopts would round others."""
-    value, remedy = tokens[0].value, "Give one such as 3."
-    try:
-        number = int(value)
-    except ValueError:
-        digits = value.strip().lstrip("+-").isdecimal()  # more of them than Python reads
-        why = "it is too large" if digits else "it is no whole number"
-        raise InputError(_words_of(tokens), why, remedy) from None
-    if abs(number) >= 2**63:
-        raise InputError(_words_of(tokens), "it is too large", remedy)
-    return number
-
-
-def _read_mm(_: object, tokens: Sequence[Token]) -> float:
-    return read_length(_words_of(tokens), tokens[0].value)
-
-
-def _read_decimal(_: object, tokens: Sequence[Token]) -> float:
-    return read_number(_words_of(tokens), tokens[0].value)
-
-
-def _words_of(tokens: Sequence[Token]) -> str:
-    return f"{tokens[0].keyword or ''} {tokens[0].value}".strip()
+    value = tokens[0].value
+    return read_whole(f"{tokens[0].keyword or ''} {value}".strip(), value)
 
 
 def _read_place(_: object, tokens: Sequence[Token]) -> Path:
@@ -79,11 +60,10 @@ def _place_of(name: str | Path) -> Path:
 
 ALL_OUT = Path("knotfab-out")  # parent of the folders that are named after pictures
 Whole = Annotated[int, Parameter(converter=_read_whole)]
-Length = Annotated[float, Parameter(converter=_read_mm)]
-Decimal = Annotated[float, Parameter(converter=_read_decimal)]
 Place = Annotated[Path, Parameter(converter=_read_place)]
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 Names = Annotated[tuple[str, ...], Parameter(negative="", show_default=False)]
+_Several = Annotated[tuple[Any, ...], Parameter(negative="", show_default=False)]
 
 
 KEYS: dict[str, type[BaseModel]] = {
@@ -92,9 +72,18 @@ KEYS: dict[str, type[BaseModel]] = {
 }
 """The tables of a scene whose keys have options, by name."""
 
-_GROUPS = {group.name: group for group in (_PICTURE, _PIECE, _PRINT, _SEARCH, OUTPUT)}
+GROUPS = {group.name: group for group in (_PICTURE, _PIECE, _PRINT, _SEARCH, OUTPUT)}
+OFTEN = frozenset(
+    ("--ink", "--crop", "--lamps", "--size", "--print", "--printer", "--material", "--mount", "--plate",
+     "--supports", "--accuracy", "--out")
+)  # fmt: skip
+"""The options that makers use, which `knotfab build --help` shows."""
 HELP: dict[str, str] = {}
 """The help of the options that set keys, by the option's name as a field."""
+READERS: dict[str, Callable[[Any], Any]] = {
+    "size": partial(read_value, View, "frame_width_mm", option="--size")
+}
+"""How the options that set keys are read, from text or Python."""
 AClass = TypeVar("AClass", bound=type)
 
 
@@ -111,34 +100,43 @@ def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], A
                 if not option or hasattr(kind, name) or (only and name not in only):
                     continue
                 read = _type_of(model, key)
-                shown = Parameter(group=_GROUPS[group], help=said[key])
-                found[name], HELP[name] = Annotated[read, shown], said[key]
-                setattr(kind, name, False if read is Flag else () if read is Names else None)
+                READERS[name], HELP[name] = partial(read_value, model, key), said[key]
+                how = None if read is Flag else _from_tokens(name, repeated=read is _Several)
+                shown = Parameter(group=GROUPS[group], help=said[key], converter=how)
+                found[name] = Annotated[read, shown]
+                setattr(kind, name, False if read is Flag else () if read is _Several else None)
         kind.__annotations__ = found | kind.__annotations__
         return kind
 
     return add
 
 
+def _from_tokens(name: str, repeated: bool = False) -> Callable[[object, Sequence[Token]], Any]:
+    """Return a converter of cyclopts that reads an option as everyone else does."""
+
+    def convert(_: object, tokens: Sequence[Token]) -> Any:
+        texts = tuple(token.value for token in tokens)
+        return READERS[name](texts if repeated else texts[0])
+
+    return convert
+
+
 def _type_of(model: type[BaseModel], key: str) -> Any:
-    """Return the type of a key's option: text if the key takes words beside a number."""
+    """Return the type of a key's option that help shows: text if the key takes words beside a number."""
     kind: Any = model.model_fields[key].annotation
     words, literal = tuple(values_of(model, key)), cast(Any, Literal)
     if words and len(words) == len(get_args(kind)):
         return literal[words] | None
     if get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis:
         inner = get_args(kind)[0]
-        return inner | None if get_origin(inner) is Literal else Names
+        return inner | None if get_origin(inner) is Literal else _Several
     if kind is bool:
         return Flag
-    parts = [p for p in get_args(kind) or (kind,) if p is not NoneType]
     if get_origin(kind) is Literal:
         return kind | None
+    parts = [p for p in get_args(kind) or (kind,) if p is not NoneType]
     plain = get_args(parts[0])[0] if get_origin(parts[0]) is Annotated else parts[0]
-    if len(parts) > 1 or plain not in (int, float):
-        return str | None
-    number = Whole if plain is int else Length if key.endswith("_mm") else Decimal
-    return number | None
+    return plain | None if len(parts) == 1 and plain in (int, float) else Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +165,7 @@ class PictureOptions:
 
     scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
     """A scene.toml. Other options set keys of the scene, and win over the file."""
-    size: Annotated[Length | None, Parameter(group=_PIECE)] = None
+    size: Annotated[float | None, Parameter(group=_PIECE, converter=_from_tokens("size"))] = None
     """The picture's longer side on the wall, in mm; 180 by default."""
 
     printer: Annotated[str | None, Parameter(group=_PRINT)] = None
@@ -247,27 +245,23 @@ def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> Build
             raise InputError(
                 f"the option {name}", "there is none of that name", f"{hint}Known: {known}"
             )
+        if value is None:
+            continue
+        if key in READERS:
+            values[key] = READERS[key](value)
+            continue
         if types[key] == tuple[str, ...] and isinstance(value, str):
             value = (value,)
-        elif types[key] == str | None and value is not None and not isinstance(value, bool):
+        elif types[key] == str | None and not isinstance(value, bool):
             value = str(value)
-        elif types[key] == float | None and isinstance(value, str):
-            declared = get_type_hints(BuildOptions, include_extras=True)[key]
-            read = read_number if Decimal in get_args(declared.__origin__) else read_length
-            value = read(f"the option {name}={value!r}", value)
-        elif hasattr(value, "item"):  # a number of numpy's
-            value = value.item()
         try:
-            if key == "out" and value is not None:
-                value = _place_of(value)
-            checked = TypeAdapter(types[key]).validate_python(value)
+            place = _place_of(value) if key == "out" else value
+            values[key] = TypeAdapter(types[key]).validate_python(place)
         except ValueError as error:
             told = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
             why = told[:1].lower() + told[1:]
             remedy = "Name a folder." if key == "out" else "Correct it, or leave it out."
             raise InputError(f"the option {name}={value!r}", why, remedy) from None
-        # an int stays an int, so that 700 is not written as 700.0
-        values[key] = value if type(value) is int and isinstance(checked, float) else checked
     return BuildOptions(**values)
 
 

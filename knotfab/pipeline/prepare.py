@@ -27,7 +27,8 @@ from knotfab.picture.source import TEXT_PREFIX, plain_name
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
-from knotfab.pipeline.read_options import read_scene, read_seconds, read_skips
+from knotfab.pipeline.read_options import read_scene, read_skips
+from knotfab.pipeline.values import read_seconds
 from knotfab.request import Request
 from knotfab.scene.require import (
     require_mount,
@@ -225,60 +226,97 @@ def _read_call(
     sources = _list_sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
     base = None if pictures else folder
-    open_ = False
-    lines: tuple[str, ...] = ()
-    agreed: Agreement | None = None
     if options.lamps is not None or scene.share_wall:
-        if options.directions is not None:
-            raise InputError(
-                f"--directions {options.directions}",
-                "lamps before one screen have places by themselves",
-                "Leave it out",
-            )
+        _refuse_directions(options, "lamps before one screen have places by themselves")
         lit = read_lamps(scene, sources, options, base, progress, named=not pictures)
         return _Call(
             lit.scene, sources, base, lit.targets, lit.name, parted=lit.parted, told=lit.told
         )
+    scene, open_ = _place_views(scene, sources, options)
+    _require(scene)
+    with progress.stage("picture"):
+        targets = _read_pictures(scene, sources, options, base, not pictures, glance)
+    scene, targets = _size(scene, targets, options)
+    agreed: Agreement | None = None
+    if len(scene.views) > 1:
+        with progress.stage("agree"):
+            from knotfab.design.agree import agree, require_agreed
+
+            agreed = agree(scene, targets, azimuths_open=open_)
+            require_agreed(agreed, scene)
+        scene, targets = agreed.scene, agreed.targets
+    names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
+    name = plain_name("-".join(dict.fromkeys(names)), "picture")
+    return _Call(scene, sources, base, targets, name, _tell_knots(scene, targets), agreed)
+
+
+def _refuse_directions(options: BuildOptions, why: str, or_else: str = "") -> None:
+    if options.directions is not None:
+        raise InputError(f"--directions {options.directions}", why, f"Leave it out{or_else}")
+
+
+def _place_views(
+    scene: ResolvedScene, sources: Sequence[str], options: BuildOptions
+) -> tuple[ResolvedScene, bool]:
+    """Give each picture its view and direction. Returns also whether an agreement may turn them."""
+    open_ = False
     if options.sequence:
         require_sequence(scene)
     elif len(sources) > len(scene.views) == 1:
         scene, open_ = spread_views(scene, sources), options.directions is None
+    if options.sequence or len(scene.views) < 2:
+        why = "it is for several pictures of one part"
+        _refuse_directions(options, why, ", or name a picture for each direction")
+        return scene, False
     if options.directions is not None:
-        if options.sequence or len(scene.views) < 2:
-            raise InputError(
-                f"--directions {options.directions}",
-                "it is for several pictures of one part",
-                "Leave it out, or name a picture for each direction",
-            )
         scene = direct_views(scene, options.directions)
-    if len(scene.views) > 1:
-        require_several(scene)
-        if scene.settings.free_view:
-            from knotfab.design.settings import place_directions
+    require_several(scene)
+    if scene.settings.free_view:
+        from knotfab.design.settings import place_directions
 
-            # directions start where an earlier build's did, or else anywhere
-            given = options.directions or scene.search.get("free_azimuths_deg")
-            open_ = open_ or not given
-            scene = place_directions(scene, scene.settings)[0]
+        # directions start where an earlier build's did, or else anywhere
+        open_ = open_ or not (options.directions or scene.search.get("free_azimuths_deg"))
+        scene = place_directions(scene, scene.settings)[0]
+    return scene, open_
+
+
+def _require(scene: ResolvedScene) -> None:
+    """Refuse what contradicts itself before a picture is read."""
     require_mount(scene)
     require_supports(scene)
     require_tube(scene)
     require_start(scene)
     require_walls(scene)
-    with progress.stage("picture"):
-        if options.sequence:
-            targets = read_frames(sources, scene.views[0], base=base, font=options.font)
-            count_knots(targets, scene.piece.knots)  # refuses too many knots
-        else:
-            targets = read_targets(
-                sources, scene.views, base=base, font=options.font, glance=glance
-            )
-            if not pictures:  # in a built scene picture-front.png still has the title of cat.png
-                titles = [view.title for view in scene.views]
-                targets = tuple(
-                    replace(t, name=plain_name(title, t.name), title=title)
-                    for t, title in zip(targets, titles, strict=True)
-                )
+
+
+def _read_pictures(
+    scene: ResolvedScene,
+    sources: Sequence[str],
+    options: BuildOptions,
+    base: Path | None,
+    named: bool,
+    glance: int,
+) -> tuple[Target, ...]:
+    """Read the pictures of views, or of frames; where the scene `named` them, with its titles."""
+    if options.sequence:
+        targets = read_frames(sources, scene.views[0], base=base, font=options.font)
+        count_knots(targets, scene.piece.knots)  # refuses too many knots
+        return targets
+    targets = read_targets(sources, scene.views, base=base, font=options.font, glance=glance)
+    if not named:
+        return targets
+    # in a built scene picture-front.png still has the title of cat.png
+    titles = [view.title for view in scene.views]
+    return tuple(
+        replace(t, name=plain_name(title, t.name), title=title)
+        for t, title in zip(targets, titles, strict=True)
+    )
+
+
+def _size(
+    scene: ResolvedScene, targets: tuple[Target, ...], options: BuildOptions
+) -> tuple[ResolvedScene, tuple[Target, ...]]:
+    """Give the frames their sides, and fit pictures to the tubes and walls that draw them."""
     if options.size is not None:
         scene = size_longer(scene, targets[0], options.size)
     if not options.sequence and (options.size or options.width or options.height):
@@ -288,20 +326,16 @@ def _read_call(
         scene = framed_alike(scene, targets) if len(targets) > 1 else scene
         framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
         targets = flatten_targets(scene, framed, targets)
-    if len(scene.views) > 1:
-        with progress.stage("agree"):
-            from knotfab.design.agree import agree, require_agreed
+    return scene, targets
 
-            agreed = agree(scene, targets, azimuths_open=open_)
-            require_agreed(agreed, scene)
-        scene, targets = agreed.scene, agreed.targets
+
+def _tell_knots(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, ...]:
+    """Say that more knots than pieces were asked for."""
     pieces, asked = targets[0].pieces, scene.piece.knots
-    if len(targets) == 1 and isinstance(asked, int) and asked > pieces:
-        is_ = "is one piece, and becomes one knot" if pieces == 1 else f"has {pieces} pieces"
-        lines = (*lines, f"--knots {asked}: the picture {is_}. A knot more would draw nothing.")
-    names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
-    name = plain_name("-".join(dict.fromkeys(names)), "picture")
-    return _Call(scene, sources, base, targets, name, lines, agreed)
+    if len(targets) > 1 or not isinstance(asked, int) or asked <= pieces:
+        return ()
+    is_ = "is one piece, and becomes one knot" if pieces == 1 else f"has {pieces} pieces"
+    return (f"--knots {asked}: the picture {is_}. A knot more would draw nothing.",)
 
 
 def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:

@@ -17,8 +17,8 @@ from knotfab.apps import doctor
 from knotfab.apps.doctor import Finding
 from knotfab.cli.commands import app
 from knotfab.pipeline import build as pipeline
-from knotfab.pipeline.options import BuildOptions
-from knotfab.pipeline.read_options import read_seconds
+from knotfab.pipeline.options import OFTEN, BuildOptions
+from knotfab.pipeline.values import read_seconds
 from knotfab_formats.errors import InputError
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
@@ -56,7 +56,7 @@ BAD_CALLS = [
     (["--acc", "draft"], "Did you mean --accept or --accuracy?"),
     (["--depth", "9999"], "towards the light"),
     (["--knots", "0"], "neither auto nor a number"),
-    (["--seed", "-1"], "negative"),
+    (["--seed", "-1"], "not above 0. Give a number from 0"),
     (["--seed", "abc"], "no whole number. Give one such as 3."),
     (["--skip", "everything"], "Known: shadow-render"),
     (["--mount", "rope"], "Choose from"),
@@ -310,12 +310,13 @@ def test_help() -> None:
     assert (done.code, done.err) == (0, "")
     for word in ("Exit codes", "0 ", "1 ", "2 ", "3 ", "130", "build", "validate", "shadow"):
         assert word in done.out
-    done = knotfab("build", "--help")
-    assert done.code == 0
-    for field in fields(BuildOptions):
-        assert f"--{field.name.strip('_').replace('_', '-')} " in done.out
-    groups = [done.out.index(f"─ {name} ─") for name in ("Picture", "Piece", "Print", "Search")]
-    assert groups == sorted(groups)
+    every = {f"--{field.name.strip('_').replace('_', '-')}" for field in fields(BuildOptions)}
+    for call, names in (("--help", OFTEN), ("--help-all", every)):
+        done = knotfab("build", call)
+        assert done.code == 0
+        assert {name for name in every if f"│ {name} " in done.out} == names
+        groups = [done.out.index(f"─ {name} ─") for name in ("Picture", "Piece", "Print", "Search")]
+        assert groups == sorted(groups)
 
 
 @pytest.mark.slow
@@ -325,7 +326,9 @@ def test_help() -> None:
 def test_the_examples_of_the_help_are_calls(name: str) -> None:
     examples = app[name].help_epilogue
     lines = [line for line in examples.splitlines() if line.startswith("knotfab ")]
-    assert lines and lines[0].split("   ")[0] in knotfab(name, "--help").out
+    assert (
+        lines and lines[0 if name != "build" else 1].split("   ")[0] in knotfab(name, "--help").out
+    )
     for line in lines:
         words = shlex.split(line.split("   ")[0])
         command, bound, _ = app.parse_args(words[1:], exit_on_error=False, print_error=False)

@@ -27,7 +27,7 @@ from knotfab.picture.bending import (
     write_points,
 )
 from knotfab.picture.read import Target
-from knotfab.pipeline.options import BuildOptions
+from knotfab.pipeline.options import options_from
 from knotfab.pipeline.read_options import read_scene
 from knotfab.report.pictures import draw_agreement
 from knotfab.scene.camera import cameras_of
@@ -254,14 +254,14 @@ def test_a_picture_shows_what_came_what_is_bent_and_what_is_left() -> None:
 @pytest.mark.parametrize("text", ["2", "0.31", "-0.1", "nan", "inf", "much"])
 def test_no_share_of_a_height_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"--bend .* is no share of a picture's height up to 0.3"):
-        read_scene(BuildOptions(bend=text))
+        read_scene(options_from({"bend": text}))
 
 
 @pytest.mark.parametrize(
     ("text", "key"), [("auto", None), ("off", 0.0), ("0", 0.0), ("0.05", 0.05)]
 )
 def test_a_share_of_a_height_is_a_key(text: str, key: float | None) -> None:
-    assert read_scene(BuildOptions(bend=text))[0].piece.bend == key
+    assert read_scene(options_from({"bend": text}))[0].piece.bend == key
 
 
 def test_views_leave_equal_angles_where_that_leaves_more() -> None:

@@ -128,26 +128,22 @@ def test_another_accuracy_keeps_what_no_preset_decides(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ({"mount": "ceiling"}, "'auto', 'wall', 'stand', 'hang' or 'none'"),
-        ({"mount": "Wall"}, "'wall'"),
+        ({"mount": "ceiling"}, "--mount ceiling: .* Choose from auto, wall, stand, hang, none"),
         ({"free": "pose"}, "'view'"),
-        ({"accuracy": "sketchy"}, "'sketch', 'draft', 'standard' or 'fine'"),
-        ({"device": "gpu"}, "'cpu' or 'cuda'"),
-        ({"lines": "maybe"}, "'auto', 'on' or 'off'"),
-        ({"size": "big"}, "no length"),
-        ({"seed": "x"}, "valid integer"),
-        ({"seed": 1.5}, "valid integer"),
-        ({"invert": "perhaps"}, "valid boolean"),
-        ({"depth": True}, "valid string"),
-        ({"scene": 3}, "path"),
-        ({"skip": 3}, "tuple"),
+        ({"accuracy": "sketchy"}, "Choose from sketch, draft, standard, fine"),
+        ({"lines": "maybe"}, "Choose from auto, on, off"),
+        ({"size": "big"}, "--size big: it is no length"),
+        ({"seed": "x"}, "--seed x: it is no whole number"),
+        ({"seed": 1.5}, "no whole number"),
+        ({"invert": "perhaps"}, "neither True nor False"),
+        ({"depth": True}, "--depth True: it is no number"),
+        ({"scene": 3}, "the option scene=3: .*path"),
+        ({"skip": 3}, "the option skip=3: .*tuple"),
     ],
 )
 def test_what_an_option_cannot_be_is_refused(given: dict[str, Any], why: str) -> None:
-    (name,) = given
-    with pytest.raises(InputError, match=why) as told:
+    with pytest.raises(InputError, match=why):
         options_from(given)
-    assert told.value.what == f"the option {name}={given[name]!r}"
 
 
 def test_numbers_and_paths_may_be_of_any_type() -> None:
@@ -155,10 +151,10 @@ def test_numbers_and_paths_may_be_of_any_type() -> None:
     found = options_from(
         {**given, "scene": "a.toml", "printer": Path("b.toml"), "skip": ["slicer"]}
     )
-    assert (found.seed, found.size, found.tube_radius) == (3, 90.0, "2.5")
+    assert (found.seed, found.size, found.tube_radius) == (3, 90.0, 2.5)
     assert (found.scene, found.printer, found.skip) == (Path("a.toml"), "b.toml", ("slicer",))
     assert type(found.seed) is int and type(found.size) is float
-    assert options_from({"print": True, "mount": None, "knots": 2}).knots == "2"
+    assert options_from({"print": True, "mount": None, "knots": 2}).knots == 2
 
 
 def test_a_sequence_that_need_not_close_is_repeated_by_its_scene(tmp_path: Path) -> None:

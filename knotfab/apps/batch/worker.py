@@ -22,6 +22,7 @@ from knotfab.base.moves import REJECTED
 from knotfab.base.pool import ONE_THREAD, Crash, Workers, count_jobs
 from knotfab.picture.source import TEXT_PREFIX, is_picture, name_picture
 from knotfab.pipeline.options import BuildOptions
+from knotfab.pipeline.values import as_text
 from knotfab.report.summary import told_iou
 from knotfab_formats.errors import InputError, shown, spelled
 
@@ -328,6 +329,6 @@ def list_arguments(options: BuildOptions) -> tuple[str, ...]:
         if value is True:
             found.append(option)
         else:
-            values = value if isinstance(value, tuple) else (value,)
-            found += [f"{option}={one}" for one in values]
+            repeated = isinstance(value, tuple) and not isinstance(value[0], int)
+            found += [f"{option}={as_text(one)}" for one in (value if repeated else (value,))]
     return tuple(found)

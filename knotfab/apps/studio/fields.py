@@ -1,18 +1,17 @@
-"""The fields of the studio's page: how their text is read, and the settings that they add up to."""
+"""The fields of the studio's page, which are options of a build, and the settings that they add up to."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
-from knotfab.base.errors import OPTION, read_length, read_number
+from knotfab.base.errors import OPTION
 from knotfab.picture.fonts import list_families
-from knotfab.pipeline.options import BuildOptions, options_from
+from knotfab.pipeline.options import READERS, BuildOptions, options_from
 from knotfab.pipeline.prepare import check_options
-from knotfab.pipeline.read_options import read_option, read_seconds
+from knotfab.pipeline.values import as_text, read_seconds
 from knotfab.scene.catalogue import materials, printers
 from knotfab_formats.errors import InputError, KnotfabError
 
@@ -20,128 +19,26 @@ Value = str | int | float | bool
 _LONGEST, _LONGEST_STROKES = 60, 20_000  # characters in a field; in those that brushes fill
 
 
-@dataclass(frozen=True)
-class _Field:
-    """An option of `knotfab build` that the page sets.
-
-    Without `read` its text is read as on the command line; `hint` then replaces the remedy.
-    """
-
-    label: str
-    read: Callable[[str], Value] | None = None
-    hint: str = ""
-
-
-def _read_length(text: str, least: float, most: float, words: tuple[str, ...] = ()) -> Value:
-    if text in words:
-        return text
-    example = f"Give one such as {_round(max(2.0, least))} mm"
-    value = read_length("", text, f"{example}{''.join(f', or {word}' for word in words)}.")
-    if not least <= value <= most:
-        raise ValueError(f"Give {_round(least)} to {_round(most)} mm.")
-    value = float(f"{value:.6g}")
-    return int(value) if value.is_integer() else value
-
-
-def _read_time(text: str) -> Value:
-    try:
-        seconds = read_seconds(text)
-    except InputError as error:
-        raise InputError("", error.why, "Give a time such as 90 s or 1.5 min.") from None
-    if not 2 <= seconds <= 7 * 86400:
-        raise ValueError("Give a time from 2 s to a week.")
-    return f"{seconds:g}s"
-
-
-def _read_flag(text: str) -> Value:
-    if text not in ("true", "false"):
-        raise ValueError("This is neither on nor off.")
-    return text == "true"
-
-
-def _choose(text: str, known: Callable[[], Iterable[str]] | Iterable[str]) -> Value:
-    if text not in (known() if callable(known) else known):
-        raise ValueError(_MENU)
-    return text
-
-
-def _read_as_option(name: str, text: str) -> Value:
-    """Read a field's text as the command line reads the option, but more liberally in units and commas."""
-    if name in ("keep", "drop"):
-        given: Any = tuple(text.split(";"))
-    elif name in ("crop", "subject"):
-        given = re.sub(r"[\s,;]+", ",", text.strip("()[] "))
-    elif name == "threshold" and text.endswith("%"):
-        given = read_number("", text[:-1]) / 100
-    else:
-        given = text.removesuffix("px").strip()
-    value = read_option(name, given)
-    if name == "seed" and value > _MOST_SEED:
-        raise ValueError(FIELDS[name].hint)
-    return as_text(value)
-
-
-def as_text(value: Any) -> Value:
-    """Return a key's value as a field holds it: tuples as text, with commas or semicolons."""
-    if not isinstance(value, tuple):
-        held: Value = value
-        return held
-    return (";" if isinstance(value[0], tuple) else ",").join(str(as_text(one)) for one in value)
-
-
-def _choice(*words: str) -> Callable[[str], Value]:
-    return partial(_choose, known=words)
-
-
-def _round(value: float) -> str:
-    return f"{value:,.6g}".replace(",", " ") if value >= 10_000 else f"{value:g}"
-
-
-_MOST_SEED = 2**31 - 1
-_KNOTS = (
-    "unknot", "trefoil", "left trefoil", "figure-eight", "cinquefoil", "5_2", "8_19", "3_1#4_1",
-)  # fmt: skip
-_far = partial(_read_length, least=1.0, most=100_000.0)
-_wide = partial(_read_length, least=5.0, most=10_000.0)
-_MENU = "This is not known. Choose another."
-_DISCS = "Give discs as x, y and radius in px: 320,240,12; 350,240,12."
-# the options of `knotfab build` that the page sets; none of them names a file
-FIELDS: dict[str, _Field] = {
-    "width": _Field("Width on the wall", _wide),
-    "height": _Field("Height on the wall", _wide),
-    "lamp_distance": _Field("Lamp to piece", _far),
-    "wall_distance": _Field("Piece to wall", partial(_read_length, least=1.0, most=10_000.0)),
-    "lamp_diameter": _Field("Lamp diameter", partial(_read_length, least=0.0, most=1000.0)),
-    "tube_radius": _Field("Tube radius", partial(_read_length, least=0.1, most=200.0, words=("auto",))),
-    "depth": _Field("Depth", partial(_read_length, least=0.5, most=5000.0, words=("auto", "flat"))),
-    "knots": _Field("Knots", _choice("auto", "1")),
-    "knot": _Field("Knot type", _choice(*_KNOTS)),
-    "free": _Field("Pose and distances", _choice("view")),
-    "mount": _Field("Mount", hint=_MENU),
-    "printer": _Field("Printer", partial(_choose, known=printers)),
-    "material": _Field("Material", partial(_choose, known=materials)),
-    "accuracy": _Field("Accuracy", hint=_MENU),
-    "time_budget": _Field("Time", _read_time),
-    "seed": _Field("Seed", hint="Give a whole number from 0 to 2 147 483 647."),
-    "print": _Field("Check it against the printer", _read_flag),
-    "colours": _Field("A colour for each body", _read_flag),
-    "accept": _Field("Build it even if nobody would know it", hint=_MENU),
-    "ink": _Field("What is drawn"),
-    "invert": _Field("Invert", _read_flag),
-    "threshold": _Field("Threshold", hint="Give a share between 0 and 1, such as 0.4."),
-    "crop": _Field(
-        "Crop", hint="Drag a rectangle, or give left, top, width and height in px: 20, 40, 600, 400."
+# the labels of the options of `knotfab build` that the page sets; none of them names a file
+FIELDS = {
+    "width": "Width on the wall", "height": "Height on the wall", "lamp_distance": "Lamp to piece",
+    "wall_distance": "Piece to wall", "lamp_diameter": "Lamp diameter", "tube_radius": "Tube radius",
+    "depth": "Depth", "knots": "Knots", "knot": "Knot type", "free": "Pose and distances",
+    "mount": "Mount", "printer": "Printer", "material": "Material", "accuracy": "Accuracy",
+    "time_budget": "Time", "seed": "Seed", "print": "Check it against the printer",
+    "colours": "A colour for each body", "accept": "Build it even if nobody would know it",
+    "ink": "What is drawn", "invert": "Invert", "threshold": "Threshold", "crop": "Crop",
+    "subject": "Subject", "keep": "Belongs to it", "drop": "Does not belong", "specks": "Specks",
+    "smooth": "Smooth", "keep_largest": "Largest pieces", "thicken": "Thin strokes", "lines": "Lines",
+    "lamps": "Lamps", "font": "Font",
+}  # fmt: skip
+# menus of names that options take as any text
+_MENUS: dict[str, Callable[[], Iterable[str]]] = {
+    "printer": printers, "material": materials, "font": cache(list_families), "free": lambda: ["view"],
+    "lamps": lambda: ["rgb", "warm+cold", "switch"],
+    "knot": lambda: (
+        "unknot", "trefoil", "left trefoil", "figure-eight", "cinquefoil", "5_2", "8_19", "3_1#4_1",
     ),
-    "subject": _Field("Subject", hint="Drag a rectangle about the subject, or leave it empty."),
-    "keep": _Field("Belongs to it", hint=_DISCS),
-    "drop": _Field("Does not belong", hint=_DISCS),
-    "specks": _Field("Specks", hint="Give a whole number of pixels, such as 200."),
-    "smooth": _Field("Smooth"),
-    "keep_largest": _Field("Largest pieces", hint="Give a whole number from 1, such as 3."),
-    "thicken": _Field("Thin strokes", partial(_read_length, least=0.1, most=100.0, words=("auto",))),
-    "lines": _Field("Lines", hint=_MENU),
-    "lamps": _Field("Lamps", _choice("rgb", "warm+cold", "switch")),
-    "font": _Field("Font", partial(_choose, known=cache(list_families))),
 }  # fmt: skip
 # fields that belong to a picture; another one starts without them
 READING = (
@@ -167,15 +64,33 @@ def read_field(name: str, given: object) -> Value | None:
     longest = _LONGEST_STROKES if name in ("keep", "drop") else _LONGEST
     if len(text) > longest or not text.isprintable():
         raise ValueError(f"Give no more than {longest} letters and digits.")
-    lower = text if name in ("font", "knot", "printer", "material") else text.lower()
-    field = FIELDS[name]
     try:
-        return _read_as_option(name, lower) if field.read is None else field.read(lower)
+        if name in _MENUS:
+            if text not in _MENUS[name]():
+                raise ValueError("This is not known. Choose another.")
+            return text
+        if name in READERS:
+            on = {"true": True, "false": False}.get(text.lower())
+            plain = text.removesuffix("px").strip()
+            return as_field(READERS[name](plain if on is None else on))
+        if name == "time_budget":
+            return f"{read_seconds(text):g}s"
+        if text.lower() not in ("true", "false"):
+            raise ValueError("This is neither on nor off.")
+        return text.lower() == "true"
     except InputError as error:
-        if field.hint:
-            raise ValueError(field.hint) from None
         why = error.why.replace("it is", "This is", 1)
         raise ValueError(f"{why[:1].upper()}{why[1:]}. {in_page_words(error.remedy)}") from None
+
+
+def as_field(value: Any) -> Value:
+    """Return a key's value as a field holds it: tuples as text, with commas or semicolons."""
+    if not isinstance(value, tuple):
+        held: Value = value
+        return held
+    return (
+        ";".join(map(as_text, value)) if value and isinstance(value[0], tuple) else as_text(value)
+    )
 
 
 def in_page_words(sentence: str) -> str:
@@ -185,14 +100,15 @@ def in_page_words(sentence: str) -> str:
         name, value = found[1].replace("-", "_"), found[2]
         if name not in FIELDS and name not in _OTHER_WORDS:
             return found[0]
-        named = FIELDS[name].label if name in FIELDS else _OTHER_WORDS[name]
+        named = FIELDS[name] if name in FIELDS else _OTHER_WORDS[name]
         if not value:
             return f"“{named}”"
         return f"“{named}” {value}" if name in _FLAGS else f"“{named}”: {value}"
 
     for placeholder in (" LEFT,TOP,WIDTH,HEIGHT", " X,Y,RADIUS", " X,Y,R"):
         sentence = sentence.replace(placeholder, "")
-    return OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))
+    said = OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))
+    return re.sub("such as “[^”]*”: ", "such as ", said)
 
 
 class Settings:

@@ -64,7 +64,7 @@ async def show_choices(_: Request) -> Response:
             "printers": _titled("printer", printers()),
             "materials": _titled("material", materials()),
             "fonts": await asyncio.to_thread(list_families),
-            "labels": {name: field.label for name, field in FIELDS.items()},
+            "labels": FIELDS,
             "usual": Printer().name,
             "suffixes": sorted(PICTURE_SUFFIXES),
         }

@@ -14,7 +14,7 @@ from PIL import Image
 from pydantic import BaseModel, ConfigDict
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from knotfab.apps.studio.fields import Value, as_text
+from knotfab.apps.studio.fields import Value, as_field
 from knotfab.base.disk import write_whole
 from knotfab.base.limited import run_limited
 from knotfab.picture import raster, text
@@ -200,7 +200,7 @@ def list_ways(
     ways = [
         {
             "settings": held
-            | {_FILLED[k]: as_text(v) for k, v in one.keys.items() if k in _FILLED},
+            | {_FILLED[k]: as_field(v) for k, v in one.keys.items() if k in _FILLED},
             "refused": one.refusal is not None,
         }
         for one in found

@@ -170,7 +170,7 @@ class Studio(Broadcast):
         for name in given:
             if name in self.settings.wrong:
                 why = self.settings.wrong[name]["why"].rstrip(".")
-                raise InputError(FIELDS[name].label, why, "")
+                raise InputError(FIELDS[name], why, "")
 
     def _options(self) -> BuildOptions:
         text = any(self.pictures[name].text for name in self.chosen)
@@ -257,7 +257,7 @@ class Studio(Broadcast):
         if not self.chosen:
             raise InputError("the build", "no picture is chosen", "Drop one, or type a text.")
         if self.settings.wrong:
-            fields = ", ".join(FIELDS[name].label for name in self.settings.wrong)
+            fields = ", ".join(FIELDS[name] for name in self.settings.wrong)
             raise InputError(fields, "this is not right yet", "Correct what is marked, then build.")
         start = self.builds.start_of(self.current)
         if go_on and start is None:
