@@ -9,6 +9,7 @@ from tempfile import mkdtemp
 import pytest
 from tables import some
 
+from tests.corpus.drawn import drawn_forgeries
 from tests.corpus.forged import Forged, forged, judge, judge_forged
 from tests.corpus.forged_sequence import (
     Forge,
@@ -61,6 +62,12 @@ def test_an_honest_piece_passes(holder: str) -> None:
     ],
 )
 def test_a_forged_piece_is_rejected(case: Forged, tmp_path: Path) -> None:
+    assert judge_forged(case, held(case.holder), tmp_path / "forged")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", some(drawn_forgeries(69, 16), 2), ids=lambda case: case.name)
+def test_a_drawn_forgery_is_rejected(case: Forged, tmp_path: Path) -> None:
     assert judge_forged(case, held(case.holder), tmp_path / "forged")
 
 

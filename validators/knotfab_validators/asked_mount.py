@@ -9,7 +9,14 @@ from knotfab_validators.arrays import Array
 from knotfab_validators.files.scene import Scene
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 from knotfab_validators.tube.mount_members import Asked
-from knotfab_validators.tube.solid_matter import HalfSpaces, Solid, hull_of, prism, round_outline
+from knotfab_validators.tube.solid_matter import (
+    HalfSpaces,
+    Hole,
+    Solid,
+    hull_of,
+    prism,
+    round_outline,
+)
 
 THINNEST = 0.7  # least thickness of a sloping base at its thinnest, as a share of its nominal one
 MARK_MM, ARROW_MM = (
@@ -29,7 +36,8 @@ def asked_of_mount(scene: Scene) -> Asked | str:
             seen = view_geometry(scene.views[0], 2, 2)
             ends = [seen.middle + a * seen.du + b * seen.dv for a in (-1, 1) for b in (-1, 1)]
             frame = np.array(ends) @ back[:3, :3].T + back[:3, 3]
-        return Asked(on_feet=True, frame=frame)
+        size = mount.hole_diameter_mm, mount.thickness_mm
+        return Asked(on_feet=True, frame=frame, plate_mm=size)
     if mount.kind == "stand":
         return Asked(mount.pegs, hulls=("base", THINNEST * mount.base_thickness_mm))
     if mount.kind == "wall" and mount.foot == "dowel":
@@ -43,7 +51,8 @@ def asked_of_mount(scene: Scene) -> Asked | str:
     view = scene.views[0]
     if view.frame_width_mm is None or view.frame_height_mm is None:
         return "the scene does not say how large its frame is, which its plate follows"
-    return Asked(mount.pegs, solids=(_plate_of(mount, view_geometry(view, 2, 2), back),))
+    plate, holes = _plate_of(mount, view_geometry(view, 2, 2), back)
+    return Asked(mount.pegs, solids=(plate,), holes=holes)
 
 
 def threads_of(mount: Mount, back: Array) -> Array:
@@ -52,8 +61,8 @@ def threads_of(mount: Mount, back: Array) -> Array:
     return np.asarray(np.array(places) @ back[:3, :3].T + back[:3, 3])
 
 
-def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:
-    """Return the wall plate with its openings: screw holes, notches in its edges, an arrow in its face.
+def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> tuple[Solid, tuple[Hole, ...]]:
+    """Return the wall plate with its openings (screw holes, notches, an arrow in its face), and the holes.
 
     Its face lies on the wall, and is a margin wider than the frame on every side (docs/contract.md).
     """
@@ -69,7 +78,8 @@ def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:
     def hull(outline: Array, low: float = -thick - 1.0, high: float = 1.0) -> HalfSpaces:
         return hull_of(prism(outline, low, high, motion))
 
-    openings = [hull(round_outline((side * (x - inset), 0.0), hole)) for side in (-1, 1)]
+    middles = [(side * (x - inset), 0.0) for side in (-1, 1)]
+    openings = [hull(round_outline(middle, hole)) for middle in middles]
     if deep:
         w = 2 * deep
         notches = [
@@ -88,4 +98,6 @@ def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> Solid:
         for b in (-1, 1)
     ]
     outline = np.clip(np.concatenate(corners), [-x, -y], [x, y])
-    return Solid("plate", prism(outline, -thick, 0.0, motion), tuple(openings))
+    mouths = np.array([[*middle, 0.0] for middle in middles]) @ motion[:, :3].T + motion[:, 3]
+    holes = tuple(Hole(mouth, motion[:, 2], hole, thick) for mouth in mouths)
+    return Solid("plate", prism(outline, -thick, 0.0, motion), tuple(openings)), holes

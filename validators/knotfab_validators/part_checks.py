@@ -25,7 +25,7 @@ from knotfab_validators.printing.standing import check_level
 from knotfab_validators.printing.upright import Upright
 from knotfab_validators.tube.centre_line import check_centre_lines
 from knotfab_validators.tube.clearance import check_clearance
-from knotfab_validators.tube.mount_members import check_mount
+from knotfab_validators.tube.mount_members import PLATE_HOLES, check_mount
 from knotfab_validators.tube.region import check_build_volume, check_region
 from knotfab_validators.tube.solid_matter import strand_faces
 from knotfab_validators.tube.thickness import check_bend, check_length, check_thickness
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from knotfab_formats.piece import Mount
     from knotfab_validators.files.scene import Scene
 
-PLATE_HOLES = 2  # screw holes in a plate
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # rotates y up into z up
 
 

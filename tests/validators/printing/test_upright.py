@@ -244,6 +244,14 @@ def test_bars_join_what_is_listed_and_nothing_else() -> None:
     thick = tuple(replace(b, width=1.4) for b in part.curves.bars)
     assert check_tied(replace(part, curves=replace(part.curves, bars=thick))).measured == 8
     assert "does not reach a strand with both ends" in check_tied(cut_short(part)).detail
+    for aside, wrong in (
+        (0.4, 0),
+        (0.6, 2),
+    ):  # mm; then it is not listed, and its listing not there
+        there = part.curves.bars[0]
+        moved = replace(there, start=there.start + [0, aside, 0], end=there.end + [0, aside, 0])
+        listed = replace(part.curves, bars=(moved, *part.curves.bars[1:]))
+        assert check_tied(replace(part, curves=listed)).measured == wrong
     long = box((-40, -0.4, 30), (40, 0.4, 30.4))
     assert check_tied(replace(part, mesh=together(part.mesh, long))).measured == 1
 
@@ -269,15 +277,18 @@ def test_a_bar_may_be_as_short_as_two_rows_of_the_sections(gap_mm: float, aslant
                 assert check.status == status, check.detail
 
 
-@pytest.mark.parametrize(("z", "status"), [(0.2, "pass"), (6.2, "fail")])
-def test_only_on_the_bed_a_bar_may_be_wide(z: float, status: str) -> None:
+@pytest.mark.parametrize(
+    ("z", "high", "status"),
+    [(0.2, 0.4, "pass"), (0.3, 0.6, "pass"), (0.6, 1.2, "fail"), (6.2, 0.4, "fail")],
+)
+def test_only_flat_on_the_bed_a_bar_may_be_wide(z: float, high: float, status: str) -> None:
     part = chain(height=30.0)
     points = part.curves.polygons[0]
     low = np.flatnonzero((points[:, 2] < np.roll(points[:, 2], 1)) & (points[:, 2] < 2.0))
     at = points[np.flatnonzero(np.diff(np.sign(points[:, 2] - z)))] if z > 2 else points[low]
     a, b = at[0] * [1, 1, 0] + [0, 0, z], at[-1] * [1, 1, 0] + [0, 0, z]
-    bar = Bar(a, b, 1.6, 0.4)
-    mesh = together(part.mesh, box_bar(a, b, 1.0, width=1.6))
+    bar = Bar(a, b, 1.6, high)
+    mesh = together(part.mesh, box_bar(a, b, 1.0, width=1.6, height=high))
     tied = Part(mesh, replace(part.curves, bars=(bar,)))
     assert check_tied(tied).status == status, check_tied(tied).detail
 

@@ -13,10 +13,10 @@ from validator_parts import Array, circle, tube
 from knotfab.geometry.tube import as_manifold
 from knotfab_validators.check import BadFile
 from knotfab_validators.files.scene import parse_knots
-from knotfab_validators.geometry.curves import Curves, Member
+from knotfab_validators.geometry.curves import Curves, Member, Slab
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.tube.mount_members import Asked, check_mount
-from knotfab_validators.tube.solid_matter import Solid, find_hollow
+from knotfab_validators.tube.solid_matter import Hole, Solid, find_hollow
 from knotfab_validators.tube.tube_fit import check_tube
 
 RADIUS, PEG, HIGH = 2.0, 1.2, 20.0  # mm; the rings lie so high above the plate's top at z = 0
@@ -29,6 +29,10 @@ PEGS = [
 STRUT = Member(RINGS[1][0], RINGS[1][45], (PEG, PEG))
 CURVES = Curves(tuple(RINGS), ("unknot",) * 2, (True,) * 2, RADIUS, (*PEGS, STRUT))
 COUNT = (3, 1)
+PLATE = Solid(
+    "plate", np.array([(x, y, z) for x in (-45, 45) for y in (-45, 45) for z in (-3, 0.0)])
+)
+WHOLE = Asked(COUNT, (PLATE,))
 MIDDLE = (PEGS[0].start + PEGS[0].end) / 2
 
 
@@ -67,12 +71,13 @@ def neck(at: Array, along: Array, wide: float, inner: float) -> Manifold:
 def test_a_whole_mount_passes_and_so_does_its_tube() -> None:
     mesh = as_mesh(honest())
     for curves in (CURVES, CURVES.scaled(1.0)):
-        found = check_mount(mesh, curves, Asked(COUNT))
+        found = check_mount(mesh, curves, WHOLE)
         assert found.status == "pass" and found.required, found.detail
     assert check_tube(mesh, CURVES, mounted=True).status == "pass"
     shrunk = Mesh(0.98 * mesh.vertices, mesh.faces)
-    assert check_mount(shrunk, CURVES.scaled(0.98), Asked(COUNT)).status == "pass"
-    assert check_mount(shrunk, CURVES, Asked(COUNT)).status == "fail"
+    smaller = Asked(COUNT, (Solid("plate", 0.98 * PLATE.corners),))
+    assert check_mount(shrunk, CURVES.scaled(0.98), smaller).status == "pass"
+    assert check_mount(shrunk, CURVES, WHOLE).status == "fail"
 
 
 @pytest.mark.slow
@@ -90,7 +95,7 @@ def test_a_whole_mount_passes_and_so_does_its_tube() -> None:
 )
 def test_a_member_that_is_not_full_is_told_with_its_place(cut: Manifold, place: Array) -> None:
     mesh = as_mesh(honest() - cut)
-    found = check_mount(mesh, CURVES, Asked(COUNT))
+    found = check_mount(mesh, CURVES, WHOLE)
     assert found.status == "fail" and found.required
     assert np.linalg.norm(found.at[0] - place) < HIGH
     assert check_tube(mesh, CURVES, mounted=True).status == "pass"
@@ -103,13 +108,13 @@ def test_fused_strands_are_told_where_a_cut_mends_the_genus() -> None:
     assert both.genus() == honest().genus()
     for solid in (fused, both):
         for curves in (CURVES, replace(CURVES, members=())):
-            found = check_mount(as_mesh(solid), curves, Asked(COUNT))
+            found = check_mount(as_mesh(solid), curves, WHOLE)
             assert found.status == "fail" and np.linalg.norm(found.at[0] - between) < 1.0
 
 
 def test_matter_from_strand_to_plate_that_is_no_member_is_told() -> None:
     solid = honest() + bar(RINGS[1][60] * [1, 1, 0.5], UP, HIGH, 0.5, 0.5)
-    found = check_mount(as_mesh(solid), CURVES, Asked(COUNT))
+    found = check_mount(as_mesh(solid), CURVES, WHOLE)
     assert found.status == "fail" and "touches a strand" in found.detail
 
 
@@ -124,13 +129,13 @@ def test_a_strand_cut_all_round_or_through_is_told_by_the_tube() -> None:
 def test_members_must_be_named_counted_and_end_in_strands() -> None:
     mesh = as_mesh(honest())
     bare = replace(CURVES, members=())
-    missing = check_mount(mesh, bare, Asked(COUNT))
+    missing = check_mount(mesh, bare, WHOLE)
     assert missing.status == "fail" and missing.required and "build the part anew" in missing.detail
     unknown = check_mount(mesh, bare)
     assert unknown.status == "fail" and unknown.required
-    assert check_mount(mesh, CURVES, Asked((4, 1))).status == "fail"
+    assert check_mount(mesh, CURVES, Asked((4, 1), (PLATE,))).status == "fail"
     loose = replace(PEGS[0], start=PEGS[0].start + 5 * UP)
-    found = check_mount(mesh, replace(CURVES, members=(loose, *CURVES.members[1:])), Asked(COUNT))
+    found = check_mount(mesh, replace(CURVES, members=(loose, *CURVES.members[1:])), WHOLE)
     assert found.status == "fail" and "in no strand" in found.detail
 
 
@@ -156,11 +161,6 @@ def test_members_are_read_from_the_knots_and_checked() -> None:
             parse_knots({**knots, "members": wrong})
 
 
-PLATE = Solid(
-    "plate", np.array([(x, y, z) for x in (-45, 45) for y in (-45, 45) for z in (-3, 0.0)])
-)
-
-
 def hollowed(cut: Manifold) -> Manifold:
     return honest() - cut
 
@@ -179,14 +179,14 @@ def hollowed(cut: Manifold) -> Manifold:
 )
 def test_a_plate_that_is_not_full_is_told(cut: Manifold) -> None:
     assert find_hollow(as_mesh(honest()), PLATE) is None
-    found = check_mount(as_mesh(hollowed(cut)), CURVES, Asked(COUNT, (PLATE,)))
+    found = check_mount(as_mesh(hollowed(cut)), CURVES, WHOLE)
     assert found.status == "fail" and found.required
 
 
 @pytest.mark.parametrize(
     ("curves", "asked", "said"),
     [
-        (replace(CURVES, members=()), Asked(COUNT), "names no members"),
+        (replace(CURVES, members=()), WHOLE, "names no members"),
         (replace(CURVES, members=()), Asked(), "names no members"),
         (CURVES, Asked(COUNT, hulls=("base", 3.0)), "names no base"),
         (CURVES, Asked(COUNT, threads=UP[None]), "names no rods"),
@@ -205,3 +205,60 @@ def test_a_plate_that_is_not_full_is_told(cut: Manifold) -> None:
 def test_what_is_left_out_of_a_mount_is_told(curves: Curves, asked: Asked, said: str) -> None:
     found = check_mount(as_mesh(honest()), curves, asked)
     assert found.status == "fail" and found.required and said in found.detail
+
+
+@pytest.mark.parametrize(
+    "matter",
+    [
+        Manifold.cylinder(6.0, 1.0, 1.0, 24).translate((12.0, 0.0, -0.1)),
+        Manifold.cube((9.0, 1.0, 3.5), True).rotate((0, 0, 45.0)).translate((0.0, 0.0, 1.7)),
+        Manifold.cube((0.4, 6.0, 3.0), True).translate(MIDDLE + [0, 3.0, 0]),
+        bar(MIDDLE, UP, 1.0, PEG + 1.0, PEG + 1.0),
+        Manifold.cube((6.0, 6.0, 6.0)).translate((44.9, 0.0, -3.0)),
+        Manifold.cube((4.0, 4.0, 4.0)).translate((60.0, 0.0, -3.0)),
+    ],
+    ids=["post", "letter", "flag on a peg", "collar", "block at the edge", "block beside"],
+)
+def test_matter_that_belongs_to_nothing_is_told(matter: Manifold) -> None:
+    found = check_mount(as_mesh(honest() + matter), CURVES, WHOLE)
+    assert found.status == "fail" and "neither strand nor plate" in found.detail
+
+
+@pytest.mark.parametrize(
+    ("plug", "told"),
+    [
+        (None, False),
+        (Manifold.cylinder(3.0, 2.0, 2.0, 64) - Manifold.cylinder(3.0, 0.5, 0.5, 64), True),
+        (Manifold.cylinder(0.3, 2.0, 2.0, 64).translate((0, 0, 1.2)), True),
+        (Manifold.cylinder(3.0, 2.1, 2.1, 64), True),
+        (Manifold.cube((0.4, 5.0, 1.0), True).translate((0, 0, 2.0)), True),
+        (Manifold.cylinder(3.0, 2.2, 2.2, 64) - Manifold.cylinder(3.0, 1.95, 1.95, 64), False),
+    ],
+    ids=["open", "narrowed", "a skin", "filled", "a bar across", "a film of paint"],
+)
+def test_a_screw_hole_is_open_all_through(plug: Manifold | None, told: bool) -> None:
+    solid = honest() - Manifold.cylinder(9.0, 2.0, 2.0, 64, True).translate((20.0, 5.0, -1.5))
+    solid = solid if plug is None else solid + plug.translate((20.0, 5.0, -3.0))
+    opening = Solid(
+        "hole", np.array([(x, y, z) for x in (17, 23) for y in (2, 8) for z in (-4, 1)])
+    )
+    plate = replace(PLATE, openings=(opening.hull,))
+    hole = Hole(np.array([20.0, 5.0, 0.0]), UP, 2.0, 3.0)
+    found = check_mount(as_mesh(solid), CURVES, Asked(COUNT, (plate,), holes=(hole,)))
+    assert ("screw hole of 4 mm" in found.detail) == told and (found.status == "fail") == told
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"holes": np.empty((0, 3))}, "lists 0 holes"),
+        ({"hole_mm": 1.0}, "holes of 1 mm"),
+        ({"thickness_mm": 2.0}, "2 mm thick"),
+    ],
+)
+def test_a_plates_listing_is_the_scenes(change: dict[str, object], said: str) -> None:
+    outline = np.array([(-45.0, -45, 0), (45, -45, 0), (45, 45, 0), (-45, 45, 0)])
+    plate = Slab(outline, np.array([[20.0, 5, 0], [-20, 5, 0]]), 4.0, 3.0, UP)
+    curves = replace(CURVES, members=(), plate=replace(plate, **change))  # type: ignore[arg-type]
+    found = check_mount(as_mesh(honest()), curves, Asked(on_feet=True, plate_mm=(4.0, 3.0)))
+    assert found.status == "fail" and said in found.detail

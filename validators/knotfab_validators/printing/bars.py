@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SIZE_MM = 0.05  # tolerance of a bar's width and height
 SAME_MM = 0.5  # largest distance between the centres of a bar and of its listing
+MOST_LAYERS = 3  # height of a strip that is peeled off the bed
 STEP_MM = 0.05
 SUNK_MM = (
     0.15  # an end may stick so far out of its strand: the grid of rows and layers sees no more
@@ -57,8 +58,8 @@ def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach:
     """Check `bars`: the bars in the file are exactly those listed, and each joins two strands.
 
     A bar is a full box. Its axis begins in one strand, leaves it, and ends in another; it meets nothing
-    between. On the bed, where it is a strip to peel off, it may have any width; elsewhere it must break
-    away.
+    between. On the bed, where it is a strip of a few layers to peel off, it may have any width; elsewhere
+    it must break away.
 
     Args:
         strands: the sections of the part without its bars.
@@ -74,8 +75,13 @@ def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach:
             open_list.remove(near[0])
         why = _misses(strands, bar) or ("" if near else "is not listed, or of another size")
         on_bed = middle[2] - bar.height / 2 <= strands.bottom + SIZE_MM
-        if bar.width * bar.height > MOST_BAR_MM2 and not on_bed:
-            why = "is too thick to be broken away"
+        flat = on_bed and bar.height <= MOST_LAYERS * strands.layer + SIZE_MM
+        if bar.width * bar.height > MOST_BAR_MM2 and not flat:
+            why = (
+                "is too high to be peeled off the bed"
+                if on_bed
+                else "is too thick to be broken away"
+            )
         if why:
             bad.append((middle, why))
     bad += [(at, "has a neck, slit or hollow") for at in _find_necks(bars)]
@@ -135,6 +141,10 @@ def _read_bars(bars: Mesh, listed: Sequence[Bar]) -> list[Bar]:
 
 def _is_listed(bar: Bar, said: Bar, reach: float) -> bool:
     if abs(bar.width - said.width) > SIZE_MM or abs(bar.height - said.height) > SIZE_MM:
+        return False
+    along = (bar.end - bar.start) / np.linalg.norm(bar.end - bar.start)
+    aside = np.cross(np.array([said.start, said.end]) - bar.start, along)
+    if (np.linalg.norm(aside, axis=1) > SAME_MM).any():
         return False
     ways = ((said.start, said.end), (said.end, said.start))
     return any(

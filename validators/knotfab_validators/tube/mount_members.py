@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, skip_check, spot
-from knotfab_validators.geometry.curves import Curves, Member, point_segment
+from knotfab_validators.geometry.curves import Curves, Member, Slab, point_segment
 from knotfab_validators.geometry.mesh import Mesh, bound_triangles, connect, winding_numbers
 from knotfab_validators.tube.solid_matter import (
+    FACET_MM,
+    Hole,
     Solid,
     check_plate,
     clip,
     find_hollow,
+    find_plug,
+    holes_of,
     inside_plate,
     list_feet,
     strand_faces,
@@ -26,6 +31,7 @@ from knotfab_validators.tube.tube_fit import LIMIT
 NAME = "mount"
 PROUD_MM = 0.035  # how far a corner may stand out of a member
 INTO_FOOT_MM = 0.15  # depth below the foot's surface at which matter is looked for
+PLATE_HOLES = 2  # screw holes in a plate on the wall
 ROOT = 1.6, 4.0  # largest width of a member's root in radii, and its height in mm
 BESIDE = 5.0  # radii along a knot: a face that spans more joins two strands
 SWOLLEN = 1.2  # radii from the centre lines: mitres of the sharpest bends stand out by less
@@ -40,7 +46,8 @@ class Asked:
     the scene itself (a wall plate). `hulls`: the name of the solids that knots.json must have, such as
     "base", and how thick each must be below every foot at least. `threads`: where eyelets carry
     the piece, (1 or 2, 3). `on_feet`: whether it stands in a plate by its own valleys; `frame` (n, 3):
-    corners over which that plate must extend.
+    corners over which that plate must extend. `holes`: the screw holes of a wall plate; of one in which it
+    stands, `plate_mm` are the holes' width and the thickness.
     """
 
     pegs: tuple[int, ...] = ()
@@ -49,17 +56,19 @@ class Asked:
     threads: Array | None = None
     on_feet: bool = False
     frame: Array = field(default_factory=lambda: np.empty((0, 3)))
+    holes: tuple[Hole, ...] = ()
+    plate_mm: tuple[float, float] = (0.0, 0.0)
 
 
 NOTHING_ASKED = Asked()
 
 
 def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Check:
-    """Check `mount`: matter fills the whole mount, and nothing else joins strands.
+    """Check `mount`: matter fills the whole mount, its holes are open, and there is nothing else.
 
     A solid is full where no face lies in it and one of its points is in matter: in the union of a
-    part's solids there are no faces. All faces of the part are then a strand's, a member's, or others;
-    and others must not touch a strand. A mount whose members knots.json leaves out fails.
+    part's solids there are no faces. Every face of the part belongs to a strand, a member, a rod, a solid
+    or the plate. A mount whose members knots.json leaves out fails.
 
     Args:
         curves: closed, their radius known, with members, rods and hulls of the mount.
@@ -67,35 +76,43 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
     radius = curves.radius_mm
     if radius is None or not all(curves.closed):
         detail = "the strands' radius is not known, or one of them is open"
-        return Check(NAME, "fail", True, "unknown", None, "", detail)
+        return _misfit("unknown", detail)
     if not mesh.usable:
         return skip_check(NAME, "the mesh has no faces, or coordinates that are not finite")
-    joined = _find_joints(mesh, curves, radius)
-    if len(joined):
-        detail = "matter that is no member of the mount touches a strand"
-        if not curves.members:
+    solids = [*asked.solids, *(Solid(name, corners) for name, corners in curves.hulls)]
+    if not curves.members and curves.plate is None:
+        joined = _find_fused(mesh, curves, radius)
+        if len(joined):
             detail = "matter joins strands that are too near each other for a strut"
-        detail += f", at {spot(joined[0])}"
-        return Check(NAME, "fail", True, "joined", None, "", detail, places(joined))
+            return _misfit("joined", detail, joined)
     if asked.on_feet and curves.plate is None:
-        detail = "knots.json names no plate, and by the scene the piece stands in one"
-        return Check(NAME, "fail", True, "missing", None, "", detail)
+        return _misfit(
+            "missing", "knots.json names no plate, and by the scene the piece stands in one"
+        )
+    if curves.plate is None:
+        lacking = _find_lacking(curves, asked)
+        if lacking is not None:
+            return _misfit("lacking", f"{lacking}: build the part anew to have its mount measured")
+        wanted = sum(asked.pegs)
+        if wanted and len(curves.members) != wanted:
+            detail = "members in the file of the knots, and those of the scene's mount"
+            return Check(NAME, "fail", True, len(curves.members), wanted, "", detail)
+        unfit = _find_unfit(curves, solids, asked)
+        if unfit is not None:
+            return _misfit("misfit", unfit[0], [unfit[1]])
+    elif asked.on_feet and (why := _find_other_plate(curves.plate, asked)):
+        return _misfit("misfit", why)
+    others, detail = _find_others(mesh, curves, radius, solids)
+    if len(others):
+        return _misfit("joined", f"{detail}, at {spot(others[0])}", others)
+    for hole in asked.holes if curves.plate is None else holes_of(curves.plate):
+        plug = find_plug(mesh, hole)
+        if plug is not None:
+            detail = f"matter lies in a screw hole of {2 * hole.radius_mm:.3g} mm, at {spot(plug)}"
+            return _misfit("plugged", detail, [plug])
     if curves.plate is not None:
         feet = list_feet(curves.polygons, curves.plate, radius)
         return check_plate(mesh, curves.plate, np.concatenate([asked.frame, feet]))
-    lacking = _find_lacking(curves, asked)
-    if lacking is not None:
-        detail = f"{lacking}: build the part anew to have its mount measured"
-        return Check(NAME, "fail", True, "lacking", None, "", detail)
-    wanted = sum(asked.pegs)
-    if wanted and len(curves.members) != wanted:
-        detail = "members in the file of the knots, and those of the scene's mount"
-        return Check(NAME, "fail", True, len(curves.members), wanted, "", detail)
-    solids = [*asked.solids, *(Solid(name, corners) for name, corners in curves.hulls)]
-    unfit = _find_unfit(curves, solids, asked)
-    if unfit is not None:
-        detail, at = unfit
-        return Check(NAME, "fail", True, "misfit", None, "", detail, places([at]))
     for solid in solids:
         hollow = find_hollow(mesh, solid)
         if hollow is not None:
@@ -104,6 +121,10 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
             got = "missing" if np.isinf(deep) else deep
             return Check(NAME, "fail", True, got, solid.allowed_mm, "mm", detail, places([at]))
     return _check_filled(mesh, curves, radius)
+
+
+def _misfit(got: str, detail: str, at: Sequence[Array] | Array = ()) -> Check:
+    return Check(NAME, "fail", True, got, None, "", detail, places(at))
 
 
 def _find_lacking(curves: Curves, asked: Asked) -> str | None:
@@ -127,6 +148,10 @@ def _find_unfit(curves: Curves, solids: Sequence[Solid], asked: Asked) -> tuple[
             return f"member {number} stands on no plate, base or dowel", member.end
         if asked.hulls is not None:
             name, least = asked.hulls
+            side = np.cross(member.foot, np.eye(3)[np.abs(member.foot).argmin()])
+            wide = max(s.hull.way_out(member.end, side / np.linalg.norm(side)) for s in under)
+            if name == "dowel" and wide > member.radius_mm[1] + INTO_FOOT_MM:
+                return f"the dowel of member {number} is thicker than its peg", member.end
             way = max((s.hull.way_out(member.end, -member.foot) for s in under), default=0.0)
             if way < least - INTO_FOOT_MM:
                 detail = (
@@ -163,7 +188,7 @@ def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
         apart = point_segment(np.tile(end, (len(edges.start), 1)), edges.start, edges.end).min()
         if apart > radius and not any(_in_member(end[None], bar)[0] for bar in curves.rods):
             detail = f"member {number} of the mount ends at {spot(end)}, in no strand"
-            return Check(NAME, "fail", True, "loose", None, "", detail, places([end]))
+            return _misfit("loose", detail, [end])
     low, high = bound_triangles(*np.moveaxis(mesh.vertices[mesh.faces], 1, 0))
     worst, at, of = 0.0, members[0].start, 0
     members = (*members, *curves.rods)
@@ -176,7 +201,7 @@ def _check_filled(mesh: Mesh, curves: Curves, radius: float) -> Check:
     if worst <= 1 and len(empty):
         detail = f"there is no matter in {len(empty)} of {len(members)} members of the mount, such as at "
         detail += spot(middles[empty[0]])
-        return Check(NAME, "fail", True, "missing", None, "", detail, places(middles[empty]))
+        return _misfit("missing", detail, middles[empty])
     allowed = _allowed(min(members[of].radius_mm))
     detail = f"how deep the surface lies at most in one of the {len(members)} members of the mount"
     if worst > 1:
@@ -265,29 +290,48 @@ def _radius_at(member: Member, along: Array) -> Array:
     return np.asarray(first + (last - first) * np.clip(along / _unit(member)[1], 0.0, 1.0))
 
 
-def _find_joints(mesh: Mesh, curves: Curves, radius: float) -> Array:
-    """Find places (k, 3) where faces that belong to no strand and no member touch a strand.
+def _find_other_plate(plate: Slab, asked: Asked) -> str:
+    """Say how a plate of knots.json differs from the scene's; empty if it does not."""
+    wide, thick = asked.plate_mm
+    if len(plate.holes) != PLATE_HOLES or plate.hole_mm < wide - FACET_MM:
+        return (
+            f"knots.json lists {len(plate.holes)} holes of {plate.hole_mm:.3g} mm in the plate, and by "
+            f"the scene there are {PLATE_HOLES} of {wide:.3g} mm"
+        )
+    if abs(plate.thickness_mm - thick) > FACET_MM:
+        return f"the plate is {plate.thickness_mm:.3g} mm thick, and by the scene {thick:.3g} mm"
+    return ""
 
-    Without members: where a face leads from one strand to another that is too near for a strut.
+
+def _find_others(
+    mesh: Mesh, curves: Curves, radius: float, solids: Sequence[Solid]
+) -> tuple[Array, str]:
+    """Find places (k, 3) of faces that belong to nothing, with what is said of them.
+
+    A face belongs where all its corners lie: in one strand, in the plate, in a member or its root, in a rod,
+    or in a solid. The edges of a union lie on both of its surfaces.
     """
     vertices, faces = mesh.vertices, mesh.faces
     own = strand_faces(vertices, faces, curves.polygons, radius, proud=SWOLLEN, beside=BESIDE)
-    if not curves.members and curves.plate is None:
-        return _find_fused(mesh, curves, radius, own)
     rest = np.flatnonzero(~own)
-    used = np.unique(faces[rest])
     if curves.plate is not None:
-        in_plate = inside_plate(vertices, curves.plate)
-        rest = rest[~in_plate[faces[rest]].all(axis=1)]
-    for member in (*curves.members, *curves.rods):
+        rest = rest[~inside_plate(vertices, curves.plate)[faces[rest]].all(axis=1)]
+    within: list[Callable[[Array], Mask]] = [solid.covers for solid in solids]
+    within += [partial(_in_member, member=member) for member in (*curves.members, *curves.rods)]
+    for inside in within:
         if not len(rest):
-            return np.empty((0, 3))
-        inside = np.zeros(len(vertices), dtype=bool)
-        inside[used] = _in_member(vertices[used], member)
-        rest = rest[~inside[faces[rest]].all(axis=1)]
+            break
+        used, corner = np.unique(faces[rest], return_inverse=True)
+        rest = rest[~inside(vertices[used])[corner.reshape(-1, 3)].all(axis=1)]
     on_strand = np.zeros(len(vertices), dtype=bool)
     on_strand[faces[own]] = True
-    return _one_of_each(mesh, rest, np.asarray(on_strand[faces[rest]].any(axis=1)))
+    touches = np.asarray(on_strand[faces[rest]].any(axis=1))
+    if touches.any():
+        return _one_of_each(
+            mesh, rest, touches
+        ), "matter that is no member of the mount touches a strand"
+    there = _one_of_each(mesh, rest, np.ones(len(rest), dtype=bool))
+    return there, "there is matter that is neither strand nor plate nor member of the mount"
 
 
 def _in_member(points: Array, member: Member) -> Mask:
@@ -300,11 +344,15 @@ def _in_member(points: Array, member: Member) -> Mask:
     return np.asarray(within & (along > -PROUD_MM) & (along < length + max(member.radius_mm)))
 
 
-def _find_fused(mesh: Mesh, curves: Curves, radius: float, own: Mask) -> Array:
+def _find_fused(mesh: Mesh, curves: Curves, radius: float) -> Array:
     """Find places (k, 3) where faces join two strands that are too near for a strut."""
     from scipy.spatial import cKDTree
 
-    rest = np.flatnonzero(~own)
+    rest = np.flatnonzero(
+        ~strand_faces(
+            mesh.vertices, mesh.faces, curves.polygons, radius, proud=SWOLLEN, beside=BESIDE
+        )
+    )
     edges = curves.edges
     corners = mesh.vertices[mesh.faces[rest]]
     middle = (edges.start + edges.end) / 2

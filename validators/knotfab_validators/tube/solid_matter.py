@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 
 FACET_MM = 0.025  # how far inside a round face its facets may lie
+PLUG_MM = 0.1  # how far matter may stand into a hole
 SIDES = 32  # sides of the prism that represents a round hole
 
 
@@ -63,6 +64,10 @@ class Solid:
         tried = np.concatenate([centre + t * (self.corners - centre) for t in (0.0, 0.5, 0.8)])
         deep = np.min([self.hull.depth(tried), *(-o.depth(tried) for o in self.openings)], axis=0)
         return np.asarray(tried[int(deep.argmax())])
+
+    def covers(self, points: Array) -> Mask:
+        """Return which points (n, 3) lie in its hull or on its surface."""
+        return np.asarray(self.hull.depth(points) >= -PROUD_MM)
 
     @property
     def allowed_mm(self) -> float:
@@ -151,6 +156,40 @@ def round_outline(at: Sequence[float], radius: float) -> Array:
     """Return a polygon (n, 2) around a circle."""
     t = 2 * np.pi * np.arange(SIDES) / SIDES
     return np.asarray(np.array(at) + radius / np.cos(np.pi / SIDES) * np.c_[np.cos(t), np.sin(t)])
+
+
+@dataclass(frozen=True)
+class Hole:
+    """A round hole through a plate: its mouth's middle (3,), the unit vector (3,) out of it, its size."""
+
+    middle: Array
+    out: Array
+    radius_mm: float
+    deep_mm: float
+
+
+def holes_of(plate: Slab) -> tuple[Hole, ...]:
+    """Return the holes that a plate of knots.json lists."""
+    size = plate.hole_mm / 2, plate.thickness_mm
+    return tuple(Hole(middle, plate.out, *size) for middle in plate.holes)
+
+
+def find_plug(mesh: Mesh, hole: Hole) -> Array | None:
+    """Find a place (3,) of matter in a hole; None if it is open all through."""
+    turn = _axes(hole.out)
+    corners = ((mesh.vertices - hole.middle) @ turn.T)[mesh.faces]
+    free = hole.radius_mm * np.cos(np.pi / SIDES) - PLUG_MM
+    low, high = np.array([-free, -free, -hole.deep_mm - PROUD_MM]), np.array([free, free, PROUD_MM])
+    near = ((corners.max(axis=1) > low) & (corners.min(axis=1) < high)).all(axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    for triangle in corners[near]:
+        part = clip(clip(triangle, up, low[2]), -up, -high[2])
+        if (
+            len(part)
+            and shapely.MultiPoint(part[:, :2]).convex_hull.distance(shapely.Point(0, 0)) < free
+        ):
+            return np.asarray(part.mean(axis=0) @ turn + hole.middle)
+    return None
 
 
 NAME = "mount"
