@@ -180,17 +180,6 @@ ROWS: tuple[Row, ...] = (
         passes=False,
     ),
     Row(
-        "subject of a photograph",
-        "silhouette.md#photographs",
-        lambda f: len(f.files("subject-*.png")) == len(f.scene["views"]),
-        options=(("subject", "8,8,144,144"),),
-        passes=False,
-        refused=(
-            ("sequence", "not of all frames"),
-            ("coloured lamps", "all colours of their picture"),
-        ),
-    ),
-    Row(
         "repairs alone",
         _ONE,
         lambda f: (

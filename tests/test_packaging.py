@@ -65,7 +65,6 @@ def test_the_wheel_says_what_it_is(wheel: zipfile.ZipFile) -> None:
     assert set(meta.get_all("Provides-Extra", [])) == {
         "dask",
         "docs",
-        "photo",
         "studio",
         "pathtracer",
         "test",

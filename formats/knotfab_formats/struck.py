@@ -26,9 +26,16 @@ _WIRE = "Print the piece, or take centre lines for bending from knots.json"
 _NO_WIRE = {"wire_diameter_mm": 0.0, "tool_radius_mm": 0.0, "min_straight_mm": 0.0}
 _NO_WIRE |= {"max_bend_deg": 175.0, "springback_percent": 0.0}
 _ALSO = "Convert part.stl by trimesh or CAD, take centre lines from knots.json, and G-code from the slicer"
+_SUBJECT = (
+    "Lift the subject out first, as a phone or rembg does in one tap, and bring the PNG with transparency; "
+    "a mask that knotfab 1 wrote, subject-NAME.png, is read as a picture of its own with --ink light"
+)
 OPTIONS: dict[str, Struck] = {
     "--also": Struck(_ALSO),
     "--tone": Struck(_GREYS, nothing=("off",)),
+    "--subject": Struck(_SUBJECT, nothing=("none",)),
+    "--keep": Struck(_SUBJECT),
+    "--drop": Struck(_SUBJECT),
     "--bender": Struck(_WIRE, nothing=("lra",)),
     "tradeoff --device": Struck("Leave it out: the search runs on the CPU", nothing=("cpu",)),
     "--watch": Struck("Use knotfab studio, which shows a build as it grows.", flag=True),
@@ -37,6 +44,10 @@ OPTIONS: dict[str, Struck] = {
 library, without hyphens."""
 KEYS: dict[tuple[str, str], Struck] = {
     ("views", "tone"): Struck(_GREYS, nothing=("off",)),
+    ("views", "subject_px"): Struck(_SUBJECT, nothing=("none",)),
+    ("views", "keep_px"): Struck(_SUBJECT, nothing=([],)),
+    ("views", "drop_px"): Struck(_SUBJECT, nothing=([],)),
+    ("views", "subject_mask"): Struck(_SUBJECT, nothing=("",)),
     ("pose", "plates"): Struck(
         "Build with a smaller --size or for another --printer, or cut part.3mf in the slicer",
         nothing=([],),

@@ -276,7 +276,6 @@ class View:
     layers: Layers | None = None
     silhouette: str | None = None
     picture_notes: tuple[str, ...] | None = None
-    subject_edges: float | None = None
     bound: float | None = None
     drawn: str | None = None
     contrast: Contrast | None = None

@@ -38,7 +38,6 @@ def _few_bytes(name: str) -> str:
 Leds = Annotated[int, Strict(), Field(ge=1, le=100)]
 MOST_LEDS = 400  # LEDs in an array: the verification renders a shadow for each
 Box = tuple[Whole, Whole, Side, Side]
-Disc = tuple[Whole, Whole, Side]  # x and y of the centre, and the radius
 # A name is part of file names: letters, digits and signs of any script, "_" and "-".
 ViewName = Annotated[
     str,
@@ -81,21 +80,6 @@ class Reading(Table):
     smooth_px: Annotated[float, Strict(), Field(ge=0, le=100)] = option(0.0, "Picture --smooth")
     """Blur the picture by this many px and threshold it at half before it is drawn; the shadow is
     still compared with the picture itself."""
-    subject_px: Box | Annotated[None, Word("none")] = option(None, "Picture --subject")
-    """Draw what can be cut out of a photograph, in a rectangle about it, LEFT,TOP,WIDTH,HEIGHT in
-    px. It fills the frame, unless --crop says otherwise."""
-    keep_px: tuple[Disc, ...] = option((), "Picture --keep")
-    """With --subject: a disc that belongs to it, X,Y,RADIUS in px; may be repeated."""
-    drop_px: tuple[Disc, ...] = option((), "Picture --drop")
-    """With --subject: a disc that does not belong to it, X,Y,RADIUS in px; may be repeated."""
-    subject_mask: StrictStr = ""
-    """A mask beside the scene, white where the subject is, which is used instead of cutting out the
-    subject anew."""
-
-    @property
-    def cut_out(self) -> bool:
-        """True if a subject is cut out of the picture, and drawn instead of ink."""
-        return bool(self.subject_mask) or self.subject_px is not None
 
 
 class View(Reading):
@@ -186,11 +170,6 @@ class View(Reading):
                 "15 rows of 11 pairs of whole numbers of up to four digits, as a build writes them",
             )
         return rows or None
-
-    @property
-    def subject_picture(self) -> str:
-        """The file beside the scene that holds the subject's mask."""
-        return f"subject-{self.name}.png"
 
     @property
     def drawn_picture(self) -> str:

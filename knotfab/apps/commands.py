@@ -24,7 +24,6 @@ from knotfab_formats.errors import InputError
 
 if TYPE_CHECKING:
     from knotfab.apps.doctor import Finding
-    from knotfab.design.readings import TriedReading
     from knotfab.design.survey import Survey
 
 _DEFAULTS = BuildOptions()
@@ -37,7 +36,6 @@ _READ = PictureOptions()
 knotfab preview logo.svg
 knotfab preview badge.png --ink red --width 240
 knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
-knotfab preview cat.jpg --subject 150,80,700,900 --drop 300,950,60
 ```
 """)
 def preview(
@@ -49,16 +47,12 @@ def preview(
 ) -> int:
     """Show what a picture will become: its silhouette, the tube that a build takes, and what that loses.
 
-    Of an unclear picture, such as a photograph, it also tries other ways to read it, and draws them side by
-    side, with the options that give each.
-
     Parameters
     ----------
     pictures
         As for knotfab build.
     out
-        The PNG to write: the silhouette and, in red, what the tube loses. Other readings are drawn beside it,
-        in NAME-readings.png.
+        The PNG to write: the silhouette and, in red, what the tube loses.
     sequence
         The pictures are frames of one motion.
     json
@@ -66,41 +60,29 @@ def preview(
     """
     from knotfab.base.disk import write_whole
     from knotfab.base.progress import Progress
-    from knotfab.pipeline.prepare import preview_pictures
+    from knotfab.pipeline.prepare import survey_pictures
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
     asked = BuildOptions(**vars(options), sequence=sequence)
     with Progress("auto") as progress:
-        found, readings = preview_pictures(pictures, asked, progress)
-    from knotfab.design.readings import draw_readings
+        found = survey_pictures(pictures, asked, progress)
     from knotfab.report.pictures import draw_survey
 
     write_whole(out, draw_survey(found))
-    sheet = out.with_name(f"{out.stem}-readings.png")
-    if readings:
-        write_whole(sheet, draw_readings(readings))
-    _print_survey(found, out, json, readings, sheet)
+    _print_survey(found, out, json)
     return 0
 
 
-def _print_survey(
-    found: Survey,
-    picture: Path,
-    json: bool,
-    readings: Sequence[TriedReading] = (),
-    sheet: Path | None = None,
-) -> None:
+def _print_survey(found: Survey, picture: Path, json: bool) -> None:
     import json as codec
 
-    from knotfab.design.readings import describe_readings, list_figures
-    from knotfab.design.sentence import describe
+    from knotfab.design.sentence import describe, list_figures
 
     if json:
-        print(codec.dumps({**list_figures(found, readings), "picture": str(picture)}))
+        print(codec.dumps({**list_figures(found), "picture": str(picture)}))
         return
-    others = describe_readings(readings, str(sheet))
-    print("\n".join([*describe(found), f"  {picture} shows it.", *others]))
+    print("\n".join([*describe(found), f"  {picture} shows it."]))
 
 
 @with_examples("""Examples:

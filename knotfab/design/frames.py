@@ -259,7 +259,7 @@ def widen_targets(
 
 def _without_dust(view: View, target: Target, thinnest: float) -> Target:
     """Drop specks that no tube can draw, unless the view says how its picture is cleaned."""
-    if view.speck_px or view.keep_largest or view.smooth_px or view.cut_out or target.is_text:
+    if view.speck_px or view.keep_largest or view.smooth_px or target.is_text:
         return target
     least = (2.0 * thinnest * frame_view(view, target).px_per_mm(target.width)) ** 2
     count = count_dust(target.mask, least)
@@ -342,7 +342,6 @@ def frame_view(view: View, target: Target) -> ResolvedView:
         "ink": target.ink or view.ink,
         "threshold": target.threshold or view.threshold,
         "speck_px": target.speck_px or view.speck_px,
-        "subject_mask": view.subject_picture if target.subject_png else "",
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,
     }

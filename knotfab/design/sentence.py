@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,7 @@ from knotfab.design.candidates import PICTURE
 from knotfab.design.small import Found
 from knotfab.design.survey import SPILL, Survey, ViewSurvey
 from knotfab.design.walls import to_pixels
-from knotfab.picture.doubt import write_options
 from knotfab.picture.opening import Loss, is_row
-from knotfab.picture.read import Target
 
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
@@ -23,7 +22,7 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
     Args:
         exact: whether to include the figures of the rule by which each picture was read.
     """
-    lines = [f"{doubt}." for doubt in tell_doubts([seen.target for seen in found.views])]
+    lines = []
     if found.frames:
         lines.append(
             f"{found.frames} frames; the hardest to draw is {found.views[0].target.shown}."
@@ -38,18 +37,6 @@ def describe(found: Survey, exact: bool = False) -> list[str]:
     error = found.refusal
     why = error.why if error.what == PICTURE else f"{error.what}: {error.why}"
     return [*lines, f"  A build would refuse this: {why}. {error.remedy}"]
-
-
-def tell_doubts(targets: Sequence[Target]) -> list[str]:
-    """Say for which pictures another reading is as likely as the one taken, and how to get it.
-
-    Of pictures with the same option, such as the frames of a sequence, only the first is named.
-    """
-    found: dict[str, str] = {}
-    for one in targets:
-        if one.doubt is not None:
-            found.setdefault(write_options(one.doubt.keys), f"{one.shown}: {one.doubt.sentence}")
-    return list(found.values())
 
 
 def _describe_silhouette(seen: ViewSurvey, exact: bool) -> str:
@@ -200,3 +187,54 @@ def _round(value: float, unit: str) -> str:
     if value < least:
         return f"less than {least:g} {unit}"
     return f"{value:.2g} {unit}" if value < 100 else f"{round(value, -1):.0f} {unit}"
+
+
+def list_figures(found: Survey) -> dict[str, Any]:
+    """Return the survey as plain data: lengths in mm, places in px of the picture."""
+    views = []
+    bounds = found.bounds or (None,) * len(found.views)
+    for seen, bound in zip(found.views, bounds, strict=True):
+        losses = [
+            {
+                "tube_radius_mm": radius,
+                "lost": [
+                    {
+                        "at_px": [round(c, 1) for c in seen.target.to_picture(loss.at)],
+                        "length_px": round(loss.extent * seen.target.shrunk, 1),
+                        "thickness_px": round(loss.thickness * seen.target.shrunk, 1),
+                        "length_mm": round(loss.extent * seen.wall_mm_per_px, 2),
+                        "thickness_mm": round(loss.thickness * seen.wall_mm_per_px, 2),
+                        "needed_radius_mm": round(0.5 * loss.thickness / seen.px_per_mm, 3),
+                    }
+                    for loss in lost
+                ],
+            }
+            for radius, lost in seen.losses.items()
+        ]
+        bent = seen.target.bending
+        views.append(
+            {
+                **({} if bound is None else {"bound": round(bound.iou, 4)}),
+                **({} if bent is None else {"bending": asdict(bent)}),
+                "picture": seen.target.name,
+                "silhouette": seen.target.rule,
+                "notes": list(seen.target.notes),
+                "pieces": seen.pieces,
+                "holes": seen.holes,
+                "frame_mm": [round(side, 2) for side in seen.view.frame_mm],
+                "piece_mm": [round(side, 2) for side in seen.piece_mm],
+                "whole_radius_mm": seen.whole_mm,
+                "recognisable": seen.recognisable,
+                "radii": losses,
+            }
+        )
+    return {
+        "schema": 1,
+        "views": views,
+        "tube_radius_mm": found.radius_mm,
+        "refusal": None
+        if found.refusal is None
+        else f"{found.refusal.why}. {found.refusal.remedy}",
+        "guess": {"mass_g": round(found.guess.mass_g, 1), "hours": found.guess.hours},
+        "lines": describe(found),
+    }

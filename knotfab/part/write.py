@@ -123,8 +123,6 @@ def _write_scene(
         folder.write(view.picture, target.png_bytes)
         if target.colours_png and scene.lamps.picture:
             folder.write(scene.lamps.picture, target.colours_png)
-        if target.subject_png:
-            folder.write(view.subject_picture, target.subject_png)
         if target.bending is not None:
             folder.write(view.drawn_picture, target.drawing_png())
     folder.write(f"scene{suffix}.toml", dump_scene(scene))

@@ -247,23 +247,3 @@ def is_photo(image: Image.Image) -> bool:
     small.thumbnail((96, 96))
     # at four bits a channel
     return len(np.unique(np.asarray(small).reshape(-1, 3) >> 4, axis=0)) >= 100
-
-
-def is_grainy(image: Image.Image) -> bool:
-    """Return whether hardly any two pixels of a picture are alike, as in a camera's."""
-    rgb = np.asarray(image.convert("RGB"))
-    every = -(-max(rgb.shape) // 96)
-    few = rgb[::every, ::every].reshape(-1, 3)
-    return len(np.unique(few, axis=0)) > 0.25 * len(few)
-
-
-def common_colours(image: Image.Image, most: int = 3) -> list[str]:
-    """Return the commonest vivid colours of a pixel picture, as #rrggbb."""
-    small = image.convert("RGB")
-    small.thumbnail((96, 96))
-    few = small.quantize(8, Image.Quantize.MEDIANCUT)
-    counts = sorted(few.getcolors() or [], reverse=True)
-    palette = few.getpalette() or []
-    colours = [tuple(palette[3 * n : 3 * n + 3]) for _, n in counts if isinstance(n, int)]
-    vivid = [c for c in colours if max(c) - min(c) >= 60]
-    return ["#{:02x}{:02x}{:02x}".format(*c) for c in vivid[:most]]

@@ -44,14 +44,12 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> Ink:
     """Find the pixels of a decoded picture that are ink.
 
     Args:
-        image: upright, and cropped already; where a subject is cut out, its mask. what: how an error names
+        image: upright, and cropped already. what: how an error names
             the picture.
 
     Raises:
         InputError: the picture is transparent everywhere, or all one colour.
     """
-    if reading.cut_out:
-        return Ink(np.asarray(image) >= 128, "what was cut out [--subject]")
     colours, alpha = split_channels(image)
     least = reading.threshold if reading.ink in ("auto", "alpha") else 0.5
     clear = None if alpha is None or alpha.min() == 255 else alpha < 255 * least

@@ -15,7 +15,7 @@ from PIL import Image
 from knotfab.base.limited import run_limited
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
-from knotfab.picture.doubt import Doubt, find_doubt, is_guessed
+from knotfab.picture.doubt import tell_other_reading
 from knotfab.picture.ground import guess_reading
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import pieces_of, smooth
@@ -33,7 +33,6 @@ from knotfab.picture.source import (
     read_source,
     title_of,
 )
-from knotfab.picture.subject import take_subject
 from knotfab.picture.svg.letters import Letter
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
@@ -41,6 +40,7 @@ from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Box, Reading
 
 PLAIN = Reading()
+_READ_AS_IT_IS = dict(PLAIN)
 MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
 # frames of an animation, and px of all of them, searched for the first with a shape: some 8 CPU s
 _MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
@@ -68,9 +68,7 @@ class Target:
     size of specks, `speck_px`, are those used. After a glance `shrunk` px of the picture make one
     of the masks, across.
 
-    `subject_png` is the mask of a subject that was cut out, `colours_png` the picture in colours
-    from which the first lamp's mask was taken, both in the picture's size. `doubt` is another
-    reading that may be meant, if it shows something else.
+    `colours_png` is the picture in colours from which the first lamp's mask was taken, in its size.
     """
 
     name: str
@@ -94,9 +92,7 @@ class Target:
     ink: str | None = None
     threshold: float | None = None
     speck_px: int = 0
-    subject_png: bytes | None = None
     colours_png: bytes | None = None
-    doubt: Doubt | None = None
     title: str = ""
 
     @property
@@ -197,7 +193,7 @@ def _read_target(
         content = source.removeprefix(TEXT_PREFIX)
         drawn = text.render_text(content, font)
         name = name_picture(source)
-        target = _take_target(drawn, what, name, "", reading, glance, base or Path())
+        target = _take_target(drawn, what, name, "", reading, glance)
         begin, end = (np.flatnonzero(target.mask.any(axis=0))[[0, -1]] + 0.5) / target.width
         letters = tuple(
             Letter(k, sign, begin + left * (end - begin), 0.0, begin + right * (end - begin), 1.0)
@@ -210,7 +206,7 @@ def _read_target(
     if not raster.looks_like_raster(data) and (suffix in DRAWN_SUFFIXES or looks_like_svg(data)):
         png, notes, letters = render_svg(data, what)
         try:
-            target = _take_target(png, what, name, "", reading, glance, path.parent)
+            target = _take_target(png, what, name, "", reading, glance)
         except InputError as error:
             if not notes:
                 raise
@@ -224,7 +220,7 @@ def _read_target(
         )
         title = title_of(path.stem)
         return replace(target, notes=notes + target.notes, letters=there, title=title)
-    found = _take_target(data, what, name, suffix, reading, glance, path.parent)
+    found = _take_target(data, what, name, suffix, reading, glance)
     return replace(found, title=title_of(path.stem))
 
 
@@ -287,12 +283,9 @@ def read_targets(
 
 
 def _take_target(
-    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: int, folder: Path
+    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: int
 ) -> Target:
-    cut_anew = reading.subject_px is not None and not reading.subject_mask
-    glance *= (reading.crop_px is False and not reading.cut_out) or (
-        reading.crop_px is None and cut_anew
-    )
+    glance *= reading.crop_px is False
     seen = glimpse_further(glimpse(data, what), glance) if glance else None
     image, kind = (seen.image, seen.kind) if seen else raster.decode(data, what)
     size, shrunk = (seen.size, seen.shrunk) if seen else (image.size, 1)
@@ -303,9 +296,9 @@ def _take_target(
         if shrunk == 1:
             data = encode_image(image)
             image, kind = raster.decode(data, what)
-    came, asked, subject = image, reading, None
+    asked = reading
     notes: tuple[str, ...] = ()
-    if reading.ink == "auto" and not reading.cut_out:
+    if reading.ink == "auto":
         whole_one = not reading.crop_px
         if seen and image is seen.image:
             bare = bare_glimpse(seen, whole_one)
@@ -314,24 +307,22 @@ def _take_target(
         if bare is not None:
             image, notes = bare[0], (bare[1],)
             data, kind = encode_image(image), "PNG"
-            came = came if is_guessed(notes) else image
-    if reading.cut_out:  # from here on the mask takes the picture's place
-        image = Image.fromarray(take_subject(image, reading, folder, what, shrunk)).convert("L")
-        subject = encode_image(image.convert("1"))
     try:
-        reading, told = (reading, ()) if subject else guess_reading(image, reading, what)
+        reading, told = guess_reading(image, reading, what)
         notes = (*notes, *told)
         if (
             shrunk > 1 and asked.crop_px is False and reading.crop_px is not False
         ):  # a thin frame, to be told in its own px
-            return _take_target(whole, what, name, suffix, asked, 0, folder)
+            return _take_target(whole, what, name, suffix, asked, 0)
         (mask, rule, draws_white), box = raster.silhouette(image, what, reading, shrunk)
     except InputError:
-        if frames == 1 or subject:
+        if frames == 1:
             raise
-        return _first_drawn(whole, what, name, asked, glance, frames, size, folder)
+        return _first_drawn(whole, what, name, asked, glance, frames, size)
     if frames > 1:
         rule = f"the first of its {frames} frames: {rule}"
+    if not notes and asked == asked.but(**_READ_AS_IT_IS):
+        notes = tell_other_reading(image, mask)
     original = None
     if reading.smooth_px:
         original, mask = mask, smooth(mask, reading.smooth_px / shrunk)
@@ -344,14 +335,7 @@ def _take_target(
     threshold = reading.threshold if reading.threshold != asked.threshold else None
     found = name, mask, data, width, height, kept, rule, box, original
     return Target(
-        *found,
-        draws_white=draws_white,
-        shrunk=shrunk,
-        notes=notes,
-        ink=ink,
-        threshold=threshold,
-        subject_png=subject,
-        doubt=find_doubt(came, mask, box, asked, notes, size),
+        *found, draws_white=draws_white, shrunk=shrunk, notes=notes, ink=ink, threshold=threshold
     )
 
 
@@ -363,7 +347,6 @@ def _first_drawn(
     glance: int,
     frames: int,
     size: tuple[int, int],
-    folder: Path,
 ) -> Target:
     """Return an animation's first frame that holds a shape, if its very first one holds none."""
     refused = None
@@ -372,7 +355,7 @@ def _first_drawn(
         if not np.ptp(np.reshape(frame.getextrema(), (-1, 2)), axis=1).any():
             continue  # of one colour
         try:
-            found = _take_target(encode_image(frame), what, name, "", reading, glance, folder)
+            found = _take_target(encode_image(frame), what, name, "", reading, glance)
         except InputError as error:
             refused = refused or error
         else:

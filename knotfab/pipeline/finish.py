@@ -12,7 +12,6 @@ import numpy as np
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
-from knotfab.design.sentence import tell_doubts
 from knotfab.part.files import read_back_strict
 from knotfab.part.slicer_process import NotSliced, Sliced
 from knotfab.pipeline.piece import WrittenPiece
@@ -251,7 +250,6 @@ def finish_build(
         next_step=plan_next_step(report, timings),
         notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
         warnings=(
-            *tell_doubts([t for piece in pieces for t in piece.targets]),
             *tell_lowered(report.checks),
             *tell_other_tube(request.previewed_radius_mm, pieces[0].made.knots.radius_mm),
         )

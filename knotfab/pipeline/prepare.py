@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
+from knotfab.design.candidates import PICTURE
 from knotfab.design.frames import (
     direct_views,
     frame_view,
@@ -20,10 +22,11 @@ from knotfab.design.frames import (
     widen_targets,
 )
 from knotfab.design.walls import flatten_targets
+from knotfab.picture.colours import is_photo
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
 from knotfab.picture.raster import GLANCE
 from knotfab.picture.read import Target, read_targets
-from knotfab.picture.source import TEXT_PREFIX, plain_name
+from knotfab.picture.source import TEXT_PREFIX, glimpse, plain_name
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
@@ -44,7 +47,6 @@ from knotfab_formats.scene import ResolvedScene
 
 if TYPE_CHECKING:
     from knotfab.design.agree import Agreement
-    from knotfab.design.readings import TriedReading
     from knotfab.design.survey import Survey
     from knotfab.picture.lamps import Separation
 
@@ -94,10 +96,6 @@ def prepare_build(
         from knotfab.design.survey import require_drawable
 
         found = _survey(call, options, choose=budget is None)
-    if found.refusal is not None and "unrecognisable" not in call.scene.accuracy.accept:
-        from knotfab.design.readings import advise
-
-        found = advise(found, list_readings(pictures, options))
     require_drawable(found)
     return Request(
         call.scene,
@@ -163,44 +161,6 @@ def survey_pictures(
     call = _read_call(pictures, options, progress, glance=GLANCE)
     with progress.stage("preview"):
         return _survey(call, options)
-
-
-def preview_pictures(
-    pictures: Sequence[str], options: BuildOptions, progress: Progress | None = None
-) -> tuple[Survey, tuple[TriedReading, ...]]:
-    """Survey pictures, and try other ways to read an unclear one."""
-    progress = progress or Progress("quiet")
-    found = survey_pictures(pictures, options, progress)
-    from knotfab.design.readings import advise, is_unclear
-
-    with progress.stage("readings"):
-        readings = list_readings(pictures, options) if is_unclear(found) else ()
-        return advise(found, readings), readings
-
-
-def list_readings(pictures: Sequence[str], options: BuildOptions) -> tuple[TriedReading, ...]:
-    """List up to six ways to read the single picture of a call, best first, with the options for each.
-
-    There are none for several pictures, lamps, frames, greys and `text:…`. This takes seconds.
-
-    Raises:
-        InputError: as for `prepare_build`.
-    """
-    from knotfab.design.readings import try_readings
-
-    scene, folder = read_scene(options)
-    sources = _list_sources(pictures, scene, options.scene)
-    if len(sources) > 1 or options.sequence:
-        return ()
-    if options.lamps is not None or scene.share_wall:
-        return ()
-    if sources[0].startswith(TEXT_PREFIX):
-        return ()
-    base = None if pictures else folder
-    if options.size is not None:
-        target = read_targets(sources, scene.views, base=base, glance=GLANCE)[0]
-        scene = size_longer(scene, target, options.size)
-    return try_readings(sources[0], scene, base=base)
 
 
 @dataclass(frozen=True)
@@ -345,12 +305,25 @@ def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
     printed = {"printed": _is_printed(options, call.scene)}
     piece = call.scene.piece.but(**printed)
     scene = call.scene.but(piece=piece)
-    found = survey(scene, call.targets, options.sequence, choose)
+    found = _explain_photograph(survey(scene, call.targets, options.sequence, choose))
     if call.told:
         return replace(found, agreed=call.told, parted=call.parted)
     if call.agreed is None:
         return found
     return replace(found, bounds=call.agreed.bounds, agreed=call.agreed.lines)
+
+
+def _explain_photograph(found: Survey) -> Survey:
+    """Say of a picture that is refused that it is a photograph, if it is."""
+    error = found.refusal
+    if error is None or error.what != PICTURE or len(found.views) > 1:
+        return found
+    target = found.views[0].target
+    if not is_photo(glimpse(target.png_bytes, target.shown).image):
+        return found
+    why = f"it is a photograph, and no drawing: {error.why}"
+    remedy = "Lift its subject out (a phone or rembg does in one tap), and bring the PNG with transparency"
+    return replace(found, refusal=SceneError(error.what, why, f"{remedy}. {error.remedy}"))
 
 
 def _is_printed(options: BuildOptions, scene: ResolvedScene) -> bool:

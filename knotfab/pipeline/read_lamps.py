@@ -125,6 +125,6 @@ def _require_colours(scene: ResolvedScene) -> None:
         if key not in ("crop_px", "smooth_px", "speck_px") and any(
             getattr(view, key) != usual for view in scene.views
         ):
-            _, name = option_of(Reading, key) or ("", "--subject")
+            _, name = option_of(Reading, key)  # type: ignore[misc]
             why = "lamps that mix show all colours of their picture, each as it is"
             raise InputError(name, why, "Change the picture beforehand, or leave it out.")

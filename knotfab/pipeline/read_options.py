@@ -50,11 +50,6 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     scene = load_scene(path) if path is not None else Scene()
     given = {table: _list_given_keys(options, model) for table, model in KEYS.items()}
     views, search = given.pop("views") | _frame_keys(options), scene.search
-    if "subject_px" in views:  # a new subject drops the scene's discs
-        views = {"keep_px": (), "drop_px": (), **views}
-    if views.keys() & {"subject_px", "keep_px", "drop_px"}:
-        # the subject is cut out again, and fills the frame
-        views = {"crop_px": None, **views, "subject_mask": ""}
     if "knots" in given["piece"]:
         given["piece"]["knots_asked"] = True
     update: dict[str, Any] = {

@@ -153,14 +153,6 @@ def _pixel_reader(
 
 
 _BOX = "left, top, width and height in whole px"
-_read_disc = _pixel_reader(
-    3, "it is no disc", "x, y and radius in whole px of the picture, such as {} 320,240,12"
-)
-
-
-def _read_discs(option: str, texts: Any) -> tuple[Any, ...]:
-    given = texts.split(";") if isinstance(texts, str) else texts
-    return tuple(_read_disc(option, text) for text in given)
 
 
 def _read_count(option: str, value: Any) -> int | str:
@@ -231,11 +223,6 @@ _READERS: dict[str, Callable[..., Any]] = {
         f"auto, or {_BOX}, such as {{}} 20,40,600,400",
         ("auto", "none"),
     ),
-    "subject_px": _pixel_reader(
-        4, "it is no rectangle", f"{_BOX} of the picture, such as {{}} 20,40,600,400"
-    ),
-    "keep_px": _read_discs,
-    "drop_px": _read_discs,
     "keep_largest": _read_largest,
     "threshold": _read_share,
     "knots": _read_count,

@@ -34,13 +34,6 @@ VERDICTS = {
         "A person would hardly know the picture by its shadow.",
     ),
 }
-_OF_A_CUT_OUT = {
-    "faithful": ("Faithful to the cut-out.", "The shadow is what was cut out of the photograph."),
-    "good": (
-        "A good likeness of the cut-out.",
-        "The shadow is what was cut out of the photograph, which shows more of its subject.",
-    ),
-}
 _NOTHING = "Nobody would miss anything of the picture in its shadow."
 _PHOTOGRAPH_PX = 640  # longer side of a photograph beside its cut-out
 _QUALITY = 85  # the quality of WebP, of 100
@@ -50,8 +43,6 @@ MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif
 def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
     """Choose the words of each verdict; "faithful" says more if nothing at all is lost."""
     verdict, made = report.verdict, report.settings
-    if any(view.subject_edges is not None for view in report.views):
-        return {**VERDICTS, **_OF_A_CUT_OUT}
     # accuracies that leave a shadow as clean as this says
     clean = made.accuracy in ("standard", "fine") and not made.time_budget_s
     if not clean or (verdict and (verdict.lost or verdict.specks or verdict.cut_tips)):

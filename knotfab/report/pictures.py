@@ -48,11 +48,6 @@ def find_pictures(folder: Path) -> list[Picture]:
     for path in sorted(set(folder.glob("compare-*.png")) - {colours}):
         caption = "target, shadow of the written file, and where they differ"
         found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))
-    for path in sorted(folder.glob("subject-*.png")):
-        name = path.stem.removeprefix("subject-")
-        for photograph in sorted(folder.glob(f"picture-{name}.*")):
-            caption = "the photograph, of which the cut-out is drawn"
-            found.append(Picture(photograph, "photograph", caption, name))
     for path in sorted(folder.glob("bent-*.png")):
         caption = "the picture as it came, as it is bent, and what all pictures leave of it"
         found.append(Picture(path, "bent", caption, path.stem.removeprefix("bent-")))

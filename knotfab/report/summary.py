@@ -68,12 +68,7 @@ def told_iou(iou: float, iou_frame: float | None, standing: bool) -> float:
 
 
 def tell_word(report: Report) -> str:
-    """Return the verdict's word, and what it refers to if a subject was cut out; "" without a verdict."""
-    if report.verdict is None:
-        return ""
-    word = report.verdict.word
-    cut = any(view.subject_edges is not None for view in report.views)
-    return f"{word} to the cut-out" if cut and word == "faithful" else word
+    return "" if report.verdict is None else report.verdict.word
 
 
 def tell_views(report: Report, verbose: bool = False) -> list[str]:
@@ -91,9 +86,6 @@ def tell_views(report: Report, verbose: bool = False) -> list[str]:
     lines = []
     for view, iou, share in zip(views, ious, alike, strict=True):
         said = f"{share} alike" + (" in the frame" if standing else "")
-        if view.subject_edges is not None:
-            said += " to the cut-out, which draws "
-            said += f"{view.subject_edges:.0%} of the edges of the photograph's subject"
         drawn = iou if view.iou_drawn is None else view.iou_drawn
         if view.bending is not None:
             said += f", {tell_share(drawn)} with it as bent"

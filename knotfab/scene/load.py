@@ -38,11 +38,6 @@ def _with_absolute_paths(scene: Scene, folder: Path) -> Scene:
         update["region"] = region.but(file=path)
     if isinstance(start, str) and start:
         update["search"] = {**scene.search, "start": str((folder / start).absolute())}
-    if any(view.subject_mask for view in scene.views):
-        update["views"] = tuple(
-            v.but(subject_mask=str((folder / v.subject_mask).absolute())) if v.subject_mask else v
-            for v in scene.views
-        )
     return scene.but(**update) if update else scene
 
 
@@ -161,11 +156,6 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
     radius = scene.piece.tube_radius_mm or 0.0
     reach = max(0.5 * (scene.piece.depth or 0.0), radius)
     light, wall = view.light_distance_mm, view.wall_distance_mm
-    if (view.keep_px or view.drop_px) and not view.cut_out:
-        yield (
-            "keep_px and drop_px correct what is cut out, and nothing is",
-            "Draw a rectangle about it: --subject LEFT,TOP,WIDTH,HEIGHT, in px of the picture.",
-        )
     if reach >= light:
         yield (
             f"the piece reaches {reach:g} mm towards the light, but light_distance_mm is {light:g}",

@@ -209,12 +209,6 @@ def require_sequence(scene: ResolvedScene) -> None:
             "frames of a sequence are registered to each other on a flat wall",
             "Leave it out, or leave out --sequence",
         )
-    if scene.views[0].cut_out:
-        raise InputError(
-            "--subject",
-            "a rectangle is about the subject of one picture, not of all frames",
-            "Cut the frames out beforehand, or leave out --sequence",
-        )
     if scene.material.shrinkage_percent:
         raise InputError(
             "scene key material.shrinkage_percent",

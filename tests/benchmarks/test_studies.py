@@ -58,7 +58,6 @@ ELSEWHERE = {
     "depth given": "tests/pipeline/test_build.py",
     "flat": "tests/pipeline/test_build.py",
     "slicing": "tests/part/test_slicer.py",
-    "subject of a photograph": "tests/picture/test_subject.py",
     "network (inn)": "tests/apps/paper/test_network.py",
     "network, then flow (inn+flow)": "tests/apps/paper/test_network.py",
     "region mesh": "tests/limits/test_feasibility.py",

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import skimage.data
 from PIL import Image, ImageDraw
-from tables import some
 
-from knotfab.design.readings import is_unclear, try_readings
-from knotfab.design.sentence import describe
-from knotfab.picture.doubt import Doubt
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import mask_iou
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.prepare import survey_pictures
-from knotfab.scene.catalogue import resolve
-from knotfab_formats.scene import Scene
 from knotfab_formats.views import Reading
 
 SIDE = 360
@@ -58,7 +54,6 @@ def on_gradient(ink: Any) -> Image.Image:
 UNSURE = {
     "a blackboard on a wall": drawn((225, 220, 210, 255), (40, 60, 50, 255), WHITE),
     "an icon with round corners": drawn(WHITE, (30, 90, 200, 255), WHITE, "rounded"),
-    "a note on a grey table": drawn((90, 90, 95, 255), (255, 230, 90, 255)),
     "a page on a black scanner": drawn(BLACK, WHITE),
     "a square sticker": drawn(CLEAR, WHITE, outline="rounded"),
     "a round sticker": drawn(CLEAR, WHITE, outline="ellipse"),
@@ -74,37 +69,27 @@ SURE = {
 }
 
 
-def doubt_of(image: Image.Image, folder: Path) -> tuple[Doubt | None, str]:
-    path = folder / "picture.png"
-    image.save(path)
-    return read_target(path).doubt, str(path)
-
-
 @pytest.mark.parametrize("kind", UNSURE)
 def test_what_may_be_meant_otherwise_names_the_option(kind: str, tmp_path: Path) -> None:
-    doubt, path = doubt_of(UNSURE[kind], tmp_path)
-    assert doubt is not None
-    taken, other = read_target(path), read_target(path, Reading(**doubt.keys))
-    assert other.doubt is None  # somebody said what is meant
+    UNSURE[kind].save(tmp_path / "picture.png")
+    taken = read_target(tmp_path / "picture.png")
+    (note,) = taken.notes
+    option, value = re.findall(r"--(ink|crop) ([\w,]+)", note)[0]
+    asked = {"ink": value} if option == "ink" else {"crop_px": tuple(map(int, value.split(",")))}
+    other = read_target(tmp_path / "picture.png", Reading(**asked))
+    assert not other.notes  # somebody said what is meant
     if taken.mask.shape == other.mask.shape:
-        assert mask_iou(taken.mask, other.mask) < 0.55  # the doubt's own is of a smaller picture
-
-
-@pytest.mark.parametrize("kind", some(UNSURE, 3))
-def test_the_sentence_and_the_readings_offer_what_the_doubt_names(
-    kind: str, tmp_path: Path
-) -> None:
-    doubt, path = doubt_of(UNSURE[kind], tmp_path)
-    assert doubt is not None
-    first, *_ = describe(survey_pictures([path], BuildOptions()))
-    assert first.startswith("picture: what is meant is unsure") and first.endswith("takes it.")
-    shown = try_readings(path, resolve(Scene()))[:2]
-    assert [one.keys for one in shown] == [{}, dict(doubt.keys)]
-    assert shown[1].options in first
+        assert mask_iou(taken.mask, other.mask) < 0.55  # the note's own is of a smaller picture
 
 
 @pytest.mark.parametrize("kind", SURE)
 def test_plain_drawings_raise_no_doubt(kind: str, tmp_path: Path) -> None:
-    doubt, path = doubt_of(SURE[kind], tmp_path)
-    assert doubt is None
-    assert not is_unclear(survey_pictures([path], BuildOptions()))
+    SURE[kind].save(tmp_path / "picture.png")
+    assert not read_target(tmp_path / "picture.png").notes
+
+
+def test_a_photograph_that_is_refused_is_told_to_be_lifted_out(tmp_path: Path) -> None:
+    Image.fromarray(skimage.data.coffee()[::2, ::2]).save(tmp_path / "coffee.png")
+    refusal = survey_pictures([str(tmp_path / "coffee.png")], BuildOptions()).refusal
+    assert refusal is not None and refusal.why.startswith("it is a photograph, and no drawing")
+    assert "PNG with transparency" in refusal.remedy

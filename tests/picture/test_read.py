@@ -17,14 +17,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from knotfab.base import limited
-from knotfab.design.readings import try_readings
 from knotfab.picture import raster, read
 from knotfab.picture.read import Target, read_target, read_targets
 from knotfab.picture.silhouette import mask_iou
 from knotfab.picture.source import name_picture, read_bytes
-from knotfab.scene.catalogue import resolve
 from knotfab_formats.errors import InputError
-from knotfab_formats.scene import Scene
 from knotfab_formats.views import Reading, View
 from knotfab_validators.files.picture import read_silhouette
 
@@ -508,7 +505,6 @@ def test_only_the_first_frames_are_searched_for_a_shape(
 def test_a_large_photograph_is_decoded_once_and_shrunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each reading of it is tried in a copy of this process, which has the shrunk picture already."""
     levels = np.random.default_rng(4).normal(150, 10, (1500, 2000, 3))
     levels[300:1300, 500:1600] -= 100
     whole = Image.fromarray(levels.clip(0, 255).astype(np.uint8))
@@ -524,7 +520,6 @@ def test_a_large_photograph_is_decoded_once_and_shrunk(
 
     monkeypatch.setattr(raster, "decode_shrunk", noted)
     (target,) = read_targets([str(tmp_path / "photo.jpg")], [Reading()], glance=raster.GLANCE)
-    try_readings(tmp_path / "photo.jpg", resolve(Scene()))
     assert log.read_text() == "once "
     assert target.shrunk == 2 and target.mask.shape == (1000, 750)
     monkeypatch.undo()

@@ -225,7 +225,7 @@ def test_what_lamps_cannot_show_is_refused(
     [
         ({"sequence": True}, "frames have one lamp"),
         ({"lamps": "rgb"}, "a free view"),
-        ({"subject_px": (1, 1, 5, 5)}, r"--subject: lamps that mix show all colours"),
+        ({"invert": True}, r"--invert: lamps that mix show all colours"),
         ({"ink": "dark"}, r"--ink: lamps that mix"),
     ],
 )

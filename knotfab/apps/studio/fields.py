@@ -28,7 +28,7 @@ FIELDS = {
     "time_budget": "Time", "seed": "Seed", "print": "Check it against the printer",
     "colours": "A colour for each body", "accept": "Build it even if nobody would know it",
     "ink": "What is drawn", "invert": "Invert", "threshold": "Threshold", "crop": "Crop",
-    "subject": "Subject", "keep": "Belongs to it", "drop": "Does not belong", "specks": "Specks",
+    "specks": "Specks",
     "smooth": "Smooth", "keep_largest": "Largest pieces", "thicken": "Thin strokes", "lines": "Lines",
     "lamps": "Lamps", "font": "Font",
 }  # fmt: skip
@@ -42,7 +42,7 @@ _MENUS: dict[str, Callable[[], Iterable[str]]] = {
 }  # fmt: skip
 # fields that belong to a picture; another one starts without them
 READING = (
-    "ink", "invert", "threshold", "crop", "subject", "keep", "drop", "specks", "smooth", "keep_largest",
+    "ink", "invert", "threshold", "crop", "specks", "smooth", "keep_largest",
     "thicken", "lines",
 )  # fmt: skip
 DEFAULTS: dict[str, Value] = {"print": True, "mount": "auto", "accuracy": "standard"}
@@ -105,8 +105,7 @@ def in_page_words(sentence: str) -> str:
             return f"“{named}”"
         return f"“{named}” {value}" if name in _FLAGS else f"“{named}”: {value}"
 
-    for placeholder in (" LEFT,TOP,WIDTH,HEIGHT", " X,Y,RADIUS", " X,Y,R"):
-        sentence = sentence.replace(placeholder, "")
+    sentence = sentence.replace(" LEFT,TOP,WIDTH,HEIGHT", "")
     said = OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))
     return re.sub("such as “[^”]*”: ", "such as ", said)
 
@@ -165,9 +164,6 @@ class Settings:
     def options(self, text: bool, sequence: bool) -> BuildOptions:
         """Return the options of a build, which include the font only for a `text`."""
         given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
-        strokes = {key: given.pop(key) for key in ("keep", "drop") if key in given}
-        if "subject" in given:  # without it discs correct nothing
-            given |= {key: tuple(discs.split(";")) for key, discs in strokes.items()}
         return options_from({**given, "sequence": sequence})
 
     def pass_on(self, before: tuple[str, ...], after: tuple[str, ...]) -> None:

@@ -304,7 +304,6 @@ CALLS: dict[str, Callable[..., Any]] = {
     "text": _add_text,
     "choose": Studio.choose,
     "settings": Studio.set,
-    "cut": Studio.cut,
     "build": Studio.press,
     "stop": Studio.stop,
     "open": Studio.open_build,

@@ -14,14 +14,13 @@ from knotfab.apps.batch.worker import list_arguments
 from knotfab.apps.studio.broadcast import Broadcast, Event, LiveBuild
 from knotfab.apps.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
 from knotfab.apps.studio.fields import DEFAULTS, FIELDS, Settings, Value, in_page_words
-from knotfab.apps.studio.pictures import StudioPicture, draw_cut, list_ways, preview, thumbnail
+from knotfab.apps.studio.pictures import StudioPicture, preview, thumbnail
 from knotfab.base.disk import write_whole
 from knotfab.base.errors import explain_error, keep_traceback
 from knotfab.base.pool import Workers
 from knotfab.picture.frames import MOST_FRAMES
-from knotfab.picture.raster import data_uri
 from knotfab.pipeline.options import BuildOptions
-from knotfab_formats.errors import InputError, KnotfabError
+from knotfab_formats.errors import InputError
 
 _PICTURES, _MEMORY = "pictures", "studio.json"
 _MOST_VIEWS = 4  # of one part on the page
@@ -60,8 +59,6 @@ class Studio(Broadcast):
         # pictures are added one by one, so that names stay unique
         self.adding = asyncio.Lock()
         self._previews = 0
-        # what the ways to read a picture are for, the ways, and their thumbnails
-        self._ways: tuple[Any, list[dict[str, Any]], list[bytes]] = None, [], []
 
     async def open(self) -> None:
         """Restore the state, and start a process for the first build."""
@@ -176,28 +173,6 @@ class Studio(Broadcast):
         text = any(self.pictures[name].text for name in self.chosen)
         return self.settings.options(text, self.kind == "frames")
 
-    async def cut(self, name: str, subject: str, keep: str = "", drop: str = "") -> dict[str, Any]:
-        """Cut the subject out of a photograph, and return the overlay that shows it.
-
-        Raises:
-            InputError: it is not a photograph, or no subject can be cut out.
-        """
-        picture = self.pictures.get(name)
-        if picture is None or picture.text is not None:
-            raise InputError("the subject", "this is no photograph", "Choose one.")
-        tried = Settings({"subject": "1,1,1,1"})
-        tried.change({"subject": subject, "keep": keep, "drop": drop})
-        if tried.wrong:
-            raise InputError("the subject", next(iter(tried.wrong.values()))["why"].rstrip("."), "")
-        source, options = picture.source(self.picture_folder), tried.options(False, False)
-        try:
-            drawn = await asyncio.to_thread(draw_cut, source, options)
-        except KnotfabError as error:
-            raise InputError(
-                "the subject", self.plain(error.why), self.plain(error.remedy)
-            ) from error
-        return {"over": data_uri(drawn, "image/png")}
-
     def renew(self) -> None:
         """Save the state, send it to all tabs, and make a new preview."""
         self._previews += 1
@@ -225,15 +200,6 @@ class Studio(Broadcast):
             return
         found["lines"] = [self.plain(line) for line in found["lines"]]
         self._show_preview({**found, "number": number}, panels)
-        values = dict(self.settings.values)
-        of = (self.chosen, *(values.get(key) for key in ("crop", "threshold", "invert")))
-        if of != self._ways[0] and found.get("unclear"):
-            with contextlib.suppress(KnotfabError):
-                ways, thumbnails = await asyncio.to_thread(list_ways, sources, options, values)
-                self._ways = (of, ways, thumbnails)
-        if of == self._ways[0] and number == self._previews:
-            shown = {**found, "number": number, "ways": self._ways[1]}
-            self._show_preview(shown, [*panels, *self._ways[2]])
 
     def _show_preview(self, found: dict[str, Any], panels: list[bytes]) -> None:
         self.preview, self.panels = found, panels

@@ -12,9 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
 from played_runs import write_player
 
 pytest.importorskip("starlette", reason="the studio needs starlette: pip install 'knotfab[studio]'")
@@ -168,58 +166,3 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.keyboard.press("Enter")
     page.wait_for_selector("#said.bad")
     assert page.inner_text("#said") == "text:wrong: no picture. Draw one."
-
-
-def test_a_subject_is_cut_out_by_a_rectangle_and_two_brushes(page: Any, tmp_path: Path) -> None:
-    """A brush takes a blue disc away that lies beside a red one on noise; Undo brings it back."""
-    v, u = np.mgrid[:300, :400]
-    photo = np.random.default_rng(0).integers(90, 200, (300, 400, 3))
-    photo[np.hypot(u - 130, v - 150) < 60] = (200, 20, 20)
-    photo[np.hypot(u - 290, v - 150) < 50] = (20, 20, 220)
-    Image.fromarray(photo.astype(np.uint8)).save(tmp_path / "photo.png")
-    page.set_input_files("#file", str(tmp_path / "photo.png"))
-    page.wait_for_selector("#pictures img")
-    page.click("summary:has-text('Clean it up')")
-    page.click("#subject-open")
-    page.wait_for_selector("#subject-over[src]")
-    frame = page.locator("#subject-picture").bounding_box()
-    assert frame is not None and violations(page) == []
-    scale = frame["width"] / 400
-
-    def drag(*points: tuple[int, int]) -> None:
-        cuts = page.locator("#subject-dialog").get_attribute("data-cuts") or ""
-        places = [(frame["x"] + scale * x, frame["y"] + scale * y) for x, y in points]
-        page.mouse.move(*places[0])
-        page.mouse.down()
-        for place in places[1:]:
-            page.mouse.move(*place, steps=4)
-        page.mouse.up()
-        expect(page.locator("#subject-dialog")).not_to_have_attribute("data-cuts", cuts)
-
-    def shade(x: int, y: int) -> int:
-        """How opaque what lies over the picture is there: 0 where it belongs."""
-        return int(
-            page.evaluate(
-                """async ([x, y]) => {
-                    const over = document.getElementById("subject-over");
-                    await over.decode();
-                    const sheet = new OffscreenCanvas(over.naturalWidth, over.naturalHeight).getContext("2d");
-                    sheet.drawImage(over, 0, 0);
-                    return sheet.getImageData(x, y, 1, 1).data[3];
-                }""",
-                [x, y],
-            )
-        )
-
-    drag((40, 60), (370, 240))
-    assert shade(130, 150) == shade(290, 150) == 0 < shade(10, 10)
-    page.locator("input[name=subject-tool][value=drop]").check(force=True)
-    page.locator("#subject-size").fill("20")
-    drag((260, 150), (320, 150))
-    assert shade(130, 150) == 0 < shade(290, 150)
-    page.click("#subject-undo")
-    expect(page.locator("#subject-undo")).to_be_disabled()
-    drag((260, 150), (320, 150))
-    page.click("#subject-use")
-    expect(page.locator("#subject")).to_have_value(re.compile(r"^\d+,\d+,\d+,\d+$"))
-    expect(page.locator("#survey-lines")).to_contain_text(re.compile("cut out.*1 piece"))

@@ -62,11 +62,8 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
         PictureError: the file is missing, not a picture, damaged, or smaller than its crop.
     """
     reading = reading or _plain()
-    if reading.subject_mask:
-        mask = _read_subject(Path(path), reading)
-    else:
-        with _opened(Path(path), reading) as image:
-            mask = _select_ink(image, reading)
+    with _opened(Path(path), reading) as image:
+        mask = _select_ink(image, reading)
     if reading.invert:
         mask = ~mask
     if reading.speck_px:
@@ -75,33 +72,6 @@ def read_silhouette(path: str | PathLike[str], reading: Reading | None = None) -
     if reading.keep_largest:
         mask = _keep_largest(mask, reading.keep_largest)
     return mask
-
-
-def read_greys(path: str | PathLike[str], reading: Reading | None = None) -> Array:
-    """Read the darkness of a picture (or its crop), (H, W), from 0 at its lightest to 1 at its darkest.
-
-    Brightness is that of ITU-R BT.601, over white where the picture is transparent. A hundredth of the
-    pixels at either end are clipped. A picture of a single grey is 0 throughout.
-
-    Raises:
-        PictureError: as `read_silhouette`.
-    """
-    reading = reading or _plain()
-    with _opened(Path(path), reading) as image:
-        if image.mode in ("I", "F") or image.mode.startswith("I;"):
-            bright = np.asarray(image).astype(np.float64) / 257
-        else:
-            rgba = np.asarray(image.convert("RGBA")).astype(np.float64)
-            cover = rgba[..., 3:] / 255
-            # 8 bits hold it so
-            seen = np.round(rgba[..., :3] * cover + 255 * (1 - cover))
-            bright = seen @ BRIGHTNESS / BRIGHTNESS.sum()
-    if reading.invert:
-        bright = 255 - bright
-    low, high = np.quantile(bright, (ENDS, 1 - ENDS))
-    if high - low < 1:
-        return np.zeros(bright.shape)
-    return np.asarray(((high - bright) / (high - low)).clip(0, 1))
 
 
 def read_colours(path: Path, size: tuple[int, int], drawn: tuple[int, int]) -> NDArray[np.uint8]:
@@ -142,17 +112,6 @@ def _opened(picture: Path, reading: Reading) -> Iterator[Image.Image]:
         raise PictureError(f"{picture}: not a picture this reader knows ({error})") from error
     except (OSError, SyntaxError, ValueError) as error:
         raise PictureError(f"{picture}: damaged or unreadable ({error})") from error
-
-
-def _read_subject(picture: Path, reading: Reading) -> Mask:
-    """Read the mask of a picture's subject, which lies beside it, cropped as the picture is."""
-    path, whole = (picture.parent / reading.subject_mask, reading.but(crop_px=False))
-    with _opened(path, whole) as mask, _opened(picture, whole) as image:
-        if mask.size != image.size:
-            raise PictureError(
-                f"{path}: its size is {mask.size}, that of the picture is {image.size}"
-            )
-        return np.asarray(_cut(mask.convert("L"), reading, picture)) >= CRISP
 
 
 def _cut(image: Image.Image, reading: Reading, picture: Path) -> Image.Image:

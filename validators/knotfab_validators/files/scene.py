@@ -96,10 +96,6 @@ def parse_scene(
     for view in scene.views:
         if view.crop_px is None:
             raise BadFile(f'{name}: crop_px is "auto"; a scene that a build wrote has numbers')
-        if view.subject_px is not None and not view.subject_mask:
-            raise BadFile(
-                f"{name}: subject_px is given without the subject_mask that a build writes"
-            )
     region, update = scene.region, dict[str, Any]()
     if (region.file is not None) != (region.kind == "mesh"):
         raise BadFile(f"{name}: [region] file goes with kind mesh, and with no other kind")

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 
 from knotfab_formats.verdict import RoundWall
 from knotfab_validators.arrays import Array, Mask
@@ -165,43 +164,3 @@ def receive(
     if effects.wall is None:
         bends = wall.off_px > WALL_TOLERANCES * tolerance_px
     return (geometry, wall) if bends else (geometry.flat, None)
-
-
-# How much of a photograph's subject its cut-out shows.
-
-SUBJECT_PX = 256  # longer side of the subject: hair is no feature
-BLUR_PX = 1.5  # sigma of the gradient
-STRONG = 7.0  # levels (of 255) per px from which a gradient is an edge
-RIM_PX = 6.0  # depth within the outline to which edges are the outline's own
-NEAR_PX = 5.0  # an edge this near to one of the cut-out is drawn
-WIDE_PX = 3.0  # width across which an edge of the photograph is strong
-
-
-def edges_drawn(darkness: Array, drawn: Mask) -> float | None:
-    """Return the share, by length, of the edges of a photograph's subject that its cut-out draws.
-
-    The subject's outline counts as drawn. None if the cut-out is empty.
-
-    Args:
-        darkness: (H, W) in 0 to 1, of the photograph. drawn: (H, W), the cut-out.
-    """
-    from scipy import ndimage
-
-    if not drawn.any():
-        return None
-    rows, columns = np.flatnonzero(drawn.any(1)), np.flatnonzero(drawn.any(0))
-    here = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    own, levels = drawn[here], 255 * darkness[here]
-    scale = SUBJECT_PX / max(own.shape)
-    size = max(1, round(own.shape[1] * scale)), max(1, round(own.shape[0] * scale))
-    levels = np.asarray(
-        Image.fromarray(levels.astype(np.float32)).resize(size, Image.Resampling.BOX)
-    )
-    own = np.pad(np.asarray(Image.fromarray(own).resize(size, Image.Resampling.NEAREST)), 1)
-    steep = np.pad(ndimage.gaussian_gradient_magnitude(levels, BLUR_PX), 1)
-    whole = ndimage.binary_fill_holes(own)
-    edges = (ndimage.distance_transform_edt(whole) > RIM_PX) & (steep > STRONG)
-    outline = own ^ ndimage.binary_erosion(own)
-    near = ndimage.distance_transform_edt(~outline) <= NEAR_PX
-    rim = WIDE_PX * float((whole ^ ndimage.binary_erosion(whole)).sum())
-    return (rim + float((edges & near).sum())) / (rim + float(edges.sum()))

@@ -15,10 +15,10 @@ from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import time_stage
 from knotfab_validators.files.colours import Bent, bend_of, bend_silhouette
-from knotfab_validators.files.picture import read_greys, read_silhouette, widen_strokes
+from knotfab_validators.files.picture import read_silhouette, widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.shadows.compare import depth_ratio, edges_drawn, overlap, receive
+from knotfab_validators.shadows.compare import depth_ratio, overlap, receive
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.lamp import SoftShadow, averages_lamp, lamp_size, measure_penumbra
@@ -33,7 +33,7 @@ from knotfab_validators.shadows.misplacement import (
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.topology import label_regions
-from knotfab_validators.shadows.verdict_rules import judge_bending, judge_cut_out
+from knotfab_validators.shadows.verdict_rules import judge_bending
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
@@ -77,7 +77,6 @@ class SeenView:
     `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`. `drawn` (H, W) is what the
     part draws of it, widened and `bent`; None if that is the same. `verdict` is None if the
     centre lines are unknown. `soft` is the shadow of a lamp whose width shows.
-    `subject_edges` is the share of a photograph's subject that its cut-out draws (`edges_drawn`).
     """
 
     view: View
@@ -89,7 +88,6 @@ class SeenView:
     found: VerifiedView
     verdict: Recognition | None = None
     soft: SoftShadow | None = None
-    subject_edges: float | None = None
 
     @property
     def fine(self) -> ViewGeometry:
@@ -160,10 +158,7 @@ def see_view(
             ends=scene.screen_ends,
             bars=scene.piece.supports == "none",
         )
-    edges = None
-    if view.subject_mask and not view.invert:
-        edges = edges_drawn(read_greys(folder / view.picture, view), target)
-    seen = SeenView(view, geometry, wall, target, drawn, bent, found, subject_edges=edges)
+    seen = SeenView(view, geometry, wall, target, drawn, bent, found)
     seen = replace(seen, verdict=_recognise(part, seen))
     return replace(seen, soft=_soften(part, seen))
 
@@ -186,8 +181,7 @@ def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
             blur_px=_blur_px(part, seen),
             bridged=count_bridged(part.scene.piece, found.target),
         )
-    judged = judged if seen.bent is None else judge_bending(judged, seen.bent)
-    return judged if seen.subject_edges is None else judge_cut_out(judged, seen.subject_edges)
+    return judged if seen.bent is None else judge_bending(judged, seen.bent)
 
 
 def _blur_px(part: PosedPart, seen: SeenView) -> float:
@@ -253,7 +247,6 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
         iou_drawn=seen.iou_drawn,
         bending=None if seen.bent is None else seen.bent.figures,
         verdict=seen.verdict,
-        subject_edges=seen.subject_edges,
         misplacement=_misplace(part, seen),
         penumbra=None if seen.soft is None else seen.soft.found,
         layers=_measure_layers(part, seen),

@@ -78,8 +78,6 @@ LOST_PIECES, LOST_SHARE = 0.4, 0.03
 # the largest rms and maximum displacement (shares of the picture's height) and stretch for each word, as
 # judged by a person on pictures bent by 0 to 38 % (docs/verdict.md)
 BENT = {"faithful": (0.02, 0.06, 2.0), "good": (0.05, 0.125, 4.0), "coarse": (0.08, 0.2, 10.0)}
-# the least share of the edges of a photograph's subject that its cut-out draws, for each word
-CUT_OUT = {"faithful": 0.8, "good": 0.5}
 
 LOSSES = {
     "tip": ("tip is cut off", "tips are cut off"),
@@ -193,19 +191,6 @@ def judge_bending(verdict: Recognition, bent: Bent) -> Recognition:
     why = (
         f"picture bent by {bent.rms:.1%} on average, {bent.most:.1%} at most, lengths changed up to "
         f"{bent.stretch:.1f} times: above {rms:.0%}, {most:.0%} or {stretch:g}"
-    )
-    word = max(verdict.word, allowed, key=WORDS.index)
-    return replace(verdict, word=word, reasons=(*verdict.reasons, why))
-
-
-def judge_cut_out(verdict: Recognition, share: float) -> Recognition:
-    """Return the verdict on a subject's cut-out, lowered to what it shows of the photograph's subject."""
-    allowed = next((word for word, least in CUT_OUT.items() if share >= least), WORDS[-2])
-    if allowed == WORDS[0]:
-        return verdict
-    why = (
-        f"the cut-out draws {share:.0%} of the edges of the photograph's subject, below "
-        f"{CUT_OUT[WORDS[WORDS.index(allowed) - 1]]:.0%}"
     )
     word = max(verdict.word, allowed, key=WORDS.index)
     return replace(verdict, word=word, reasons=(*verdict.reasons, why))

@@ -12,7 +12,6 @@ const LISTS = {
     ["smooth", "range", { min: 0, max: 20, step: 0.5, usual: 0, unit: "px", hint: "Rounds ragged edges." }],
     ["keep_largest", "text", { placeholder: "all", inputmode: "numeric" }],
     ["crop", "text", { placeholder: "the whole picture", button: ["crop-open", "Drag …"] }],
-    ["subject", "text", { placeholder: "all that is drawn", button: ["subject-open", "Cut out …"], hint: "One thing of a photograph, whatever its background." }],
     ["thicken", "menu", { "": "as they are", auto: "widened to what prints" }],
     ["lines", "menu", { "": "along their middle where they are thin", on: "along their middle", off: "filled" }],
   ],

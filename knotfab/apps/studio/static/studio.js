@@ -2,7 +2,7 @@
 import { byId, capital, element, post } from "./api.js";
 import { brief, clearResult, showBuilds, showResult } from "./builds.js";
 import { buildFields, labelsOf, showFields, showWrong } from "./fields.js";
-import { Crop, Subject } from "./frames.js";
+import { Crop } from "./frames.js";
 import { Stage } from "./stage.js";
 import { showPreview } from "./survey.js";
 import { listenToPictures, showPictures } from "./tray.js";
@@ -62,7 +62,7 @@ function showPanel(before, next) {
   showPictures(next);
   showFields(next);
   showBuilds(next, select);
-  const seen = (one) => JSON.stringify([one.preview.number, one.preview.error, one.preview.looking, one.preview.ways?.length, one.chosen]);
+  const seen = (one) => JSON.stringify([one.preview.number, one.preview.error, one.preview.looking, one.chosen]);
   if (!before || seen(before) !== seen(next)) showPreview(next);
 }
 
@@ -169,7 +169,6 @@ async function begin() {
   listenToTabs();
   await buildFields();
   new Crop(() => state);
-  new Subject(() => state);
   connect();
 }
 

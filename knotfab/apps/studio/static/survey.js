@@ -20,18 +20,5 @@ export function showPreview({ preview, chosen, settings }) {
   byId("panels").classList.toggle("wide", width > 1.6 * height);
   byId("panels").replaceChildren(...panels.map((caption, k) =>
     element("figure", {}, element("img", { src: `/preview/${k}.png?${number}`, alt: "" }), element("figcaption", {}, caption))));
-  showWays(preview, settings);
   byId("survey-lines").replaceChildren(...lines.map((line) => element("p", {}, line.trim())));
-}
-
-/* Other ways to read it, each a button that fills the fields. */
-function showWays({ ways = [], panels, number }, settings) {
-  byId("ways").hidden = ways.length < 2;
-  byId("ways-shown").replaceChildren(...ways.map(({ settings: own, refused }, k) => {
-    const taken = Object.entries(own).every(([name, value]) => (settings[name] ?? null) === value);
-    const words = told(own) || "as it stands";
-    const image = element("img", { src: `/preview/${panels.length + k}.png?${number}`, alt: "" });
-    const note = element("span", {}, refused ? `${words}: a build would refuse it` : words);
-    return element("button", { type: "button", class: "way", "aria-pressed": String(taken), click: () => setAll(own) }, image, note);
-  }));
 }
