@@ -5,10 +5,13 @@ Lengths are in mm, times in seconds and shares and IoU from 0 to 1, unless a nam
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+from knotfab_formats.errors import read_as
 from knotfab_formats.print_figures import (
     BarFigures,
     FeetFigures,
@@ -209,6 +212,7 @@ class Report:
     """
 
     schema: int = 1
+    title: str = ""
     status: str
     verdict: Recognition | None
     views: tuple[FrameView | View, ...]
@@ -225,3 +229,12 @@ class Report:
     binding: tuple[Price, ...] | None = None
     slicer: SlicerFigures | None = None
     next_step: NextStep | None = None
+
+
+def read_report(path: Path) -> Report:
+    """Read a report.json.
+
+    Raises:
+        OSError, ValueError, TypeError: it cannot be read, or is no report of this version.
+    """
+    return read_as(Report, json.loads(path.read_text("utf-8")))

@@ -259,6 +259,21 @@ def shadow(part: Path, /, *, scene: Path | None = None, out: Place, view: str | 
 
 
 @app.command
+def report(folder: Path, /) -> int:
+    """Write report.html again, from report.json and the folder's other files.
+
+    Parameters
+    ----------
+    folder
+        A folder that a build wrote.
+    """
+    from knotfab.report.page import write_page
+
+    print(f"{write_page(folder)} is written.")
+    return 0
+
+
+@app.command
 def printers() -> int:
     """List the printers and materials that knotfab knows by name, yours included, with their figures."""
     from knotfab.cli.summary import print_catalogue

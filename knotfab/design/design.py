@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -39,7 +39,7 @@ from knotfab.problem import Problem, SearchResult, Start
 from knotfab.scene.require import require_tube
 from knotfab.search.flow import plan_of
 from knotfab.search.objective import Pose
-from knotfab.search.search import History, Pace, search
+from knotfab.search.search import Pace, search
 from knotfab.start.start import make_start, start_from_knots
 from knotfab_formats.report import Price
 from knotfab_formats.scene import (
@@ -62,7 +62,7 @@ class Design:
 
     If the search could not meet a limit, `unmet` says which and where; the result is then a sparser one that
     meets all limits or, if none does, the one that broke them. `binding` lists the limits that cost the
-    pictures IoU. `bounds` are the visual hull's, for several views. `history` holds states of the search.
+    pictures IoU. `bounds` are the visual hull's, for several views.
     """
 
     scene: SettledScene
@@ -79,7 +79,6 @@ class Design:
     binding: tuple[Price, ...] = ()
     bounds: tuple[HullBound, ...] = ()
     start_ious: tuple[float, ...] = ()
-    history: tuple[Knots, ...] = ()
 
 
 def design_knots(
@@ -126,28 +125,29 @@ def design_knots(
             pose=pose,
             pace=pace,
             device=device,
+            watch=progress.show,
             report=progress.update if progress.watched else None,
         )
-        result, history = _watch(walk, start, progress)
+        result = walk(start=start)
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
             progress.say("a strand stands out of the picture: searched again from parted sides")
-            again, past = _watch(walk, parted, progress)
+            again = walk(start=parted)
             if is_better(result, again):
                 result.add_work(again)
             else:
                 again.add_work(result)
-                start, result, history = parted, again, past
+                start, result = parted, again
         for _ in range(_BRACINGS if pace is None else 0):
             braced = start_with_more_legs(problem, result, start)
             if braced is None:
                 break
-            again, past = _watch(walk, braced, progress)
+            again = walk(start=braced)
             if result.feasible and not again.feasible:
                 break
             again.add_work(result)
-            start, result, history = braced, again, past
+            start, result = braced, again
         unmet = None if result.feasible else result
         if unmet is not None:
             result = search_sparser(problem, radius, knots, settings) or unmet
@@ -155,13 +155,7 @@ def design_knots(
                 result.add_work(unmet)
     if settings.free_view:
         question = question.seen_from(result.views, targets)
-    made = replace(
-        settle_design(question, result, settings),
-        radius=choice,
-        start_ious=start.ious,
-        # after a retry or with free views these states do not lead to the result
-        history=() if unmet or settings.free_view else tuple(history.states),
-    )
+    made = replace(settle_design(question, result, settings), radius=choice, start_ious=start.ious)
     return price_design(made, question, start, unmet, progress, budget)
 
 
@@ -206,19 +200,6 @@ def _free_views(
     from knotfab.search.free_pose import FreeDirections  # loads torch
 
     return FreeDirections(question.problem.views, radius, settings), settings
-
-
-def _watch(
-    walk: Callable[..., SearchResult], start: Start, progress: Progress
-) -> tuple[SearchResult, History]:
-    """Search from a start and record some states on the way."""
-    history = History()
-
-    def watch(knots: Callable[[], Knots], certified: bool) -> None:
-        progress.show(knots, certified)
-        history(knots, certified)
-
-    return walk(start=start, watch=watch), history
 
 
 def price_design(

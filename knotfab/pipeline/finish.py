@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import wait
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -32,16 +31,9 @@ from knotfab.report.effects import (
     tell_walls,
     tell_warnings,
 )
-from knotfab.report.for_maker import (
-    check_slicing,
-    draw_setup,
-    list_files,
-    tell_setup,
-    tell_unsliced,
-    with_slicing,
-)
-from knotfab.report.page import write_report_html
-from knotfab.report.pictures import draw_agreement, find_pictures, turn_piece
+from knotfab.report.for_maker import check_slicing, tell_setup, tell_unsliced, with_slicing
+from knotfab.report.page import write_page
+from knotfab.report.pictures import draw_agreement, turn_piece
 from knotfab.report.posing import find_access, report_posing
 from knotfab.report.report import (
     check_3mf,
@@ -57,7 +49,6 @@ from knotfab.report.report import (
 )
 from knotfab.report.setup import draw_sheets, write_setup
 from knotfab.report.supports import tell_supports
-from knotfab.report.viewer import HistoryFrame, viewer_data
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.print_figures import PlateFigures
@@ -246,6 +237,7 @@ def finish_build(
     timings = {**progress.timings, "total": progress.total}
     report = replace(
         report,
+        title=title,
         timings=timings,
         next_step=plan_next_step(report, timings),
         notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
@@ -256,44 +248,13 @@ def finish_build(
         or None,
     )
     write_report_json(folder.file("report.json"), report)
-    names = [path.name for path in folder.work.iterdir()]
-    write_report_html(
-        folder.file("report.html"),
-        report,
-        find_pictures(folder.work),
-        title,
-        shown=_collect_viewer_data(pieces),
-        drawings=draw_setup(folder.work),
-        files=list_files(names),
-    )
+    write_page(folder.work)
     code = exit_code(report.checks)
     if code == 0:
         folder.commit()
         return Outcome(0, report, request.out)
     folder.reject()
     return Outcome(code, report, request.out / "rejected")
-
-
-def _collect_viewer_data(pieces: Sequence[WrittenPiece]) -> dict[str, Any]:
-    """Collect the viewer's data of the first piece; its slider goes through the search, or the frames."""
-    first = pieces[0]
-    bodies = [] if first.part is None else first.part.bodies
-    if several := len(pieces) > 1:
-        frames = [
-            HistoryFrame(f"frame {k} of {len(pieces)}", piece.made.knots, piece.targets[0].asked)
-            for k, piece in enumerate(pieces, start=1)
-        ]
-    else:
-        past = first.made.history
-        frames = [HistoryFrame(f"{100 * k // len(past)} %", knots) for k, knots in enumerate(past)]
-    return viewer_data(
-        first.scene,
-        first.knots,
-        bodies,
-        [target.asked for target in first.targets],
-        history=frames,
-        history_label="frame" if several else "search",
-    )
 
 
 def _read_back(folder: OutputFolder, piece: WrittenPiece) -> list[str]:

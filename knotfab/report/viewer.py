@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,13 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh, face_normals, keep_faces
-from knotfab.knots import Knots
+from knotfab.knots import Knots, read_knots
 from knotfab.part.assemble import rules_of
 from knotfab.picture.raster import silhouette_uri
-from knotfab_formats.scene import SettledScene
+from knotfab.picture.read import read_targets
+from knotfab.scene.catalogue import resolve
+from knotfab.scene.load import load_scene
+from knotfab_formats.scene import ResolvedScene
 
 Record = dict[str, Any]
 
@@ -56,8 +60,36 @@ class HistoryFrame:
         return found
 
 
+def read_viewer_data(folder: Path) -> Record:
+    """Pack the piece that a folder holds; the frames of a sequence become the places of a slider."""
+    suffixes = [path.stem.removeprefix("knots") for path in sorted(folder.glob("knots*.json"))]
+    read = [_read_piece(folder, suffix) for suffix in suffixes]
+    scene, knots, masks = read[0]
+    frames = []
+    for number, (posed, made, (mask, *_)) in enumerate(read if len(read) > 1 else (), start=1):
+        assert posed.pose is not None
+        placed = made.moved(np.array(posed.pose.matrix))
+        frames.append(HistoryFrame(f"frame {number} of {len(read)}", placed, mask))
+    bodies = []
+    if (part := folder / f"part{suffixes[0]}.stl").is_file():
+        from trimesh import load_mesh
+
+        mesh = load_mesh(part)
+        bodies = [(np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int32))]
+    return viewer_data(scene, knots, bodies, masks, history=frames, history_label="frame")
+
+
+def _read_piece(folder: Path, suffix: str) -> tuple[ResolvedScene, Knots, list[Mask]]:
+    """Read scene, knots and silhouettes of one piece in a folder."""
+    own = folder / f"scene{suffix}.toml"
+    scene = resolve(load_scene(own if own.is_file() else folder / "scene.toml"))
+    named = [view.picture for view in scene.views]
+    targets = read_targets(named, scene.views, base=folder)
+    return scene, read_knots(folder / f"knots{suffix}.json"), [target.asked for target in targets]
+
+
 def viewer_data(
-    scene: SettledScene,
+    scene: ResolvedScene,
     knots: Knots,
     bodies: Sequence[Mesh],
     silhouettes: Sequence[Mask],
@@ -70,8 +102,7 @@ def viewer_data(
     Args:
         scene: with its pose. knots, bodies: as they are in the file, the bodies with their mount.
         silhouettes: (H, W), of the views' pictures.
-        history: what the slider goes through: for a search the states before the written knots, for a
-            sequence all of its frames (`history_label` "frame").
+        history: what the slider goes through: all frames of a sequence (`history_label` "frame").
     """
     assert scene.pose is not None
     matrix = np.array(scene.pose.matrix)

@@ -20,7 +20,6 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.carry import subdivide
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import Polylines
-from knotfab.knots import Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
 from knotfab.search.flow import FlowSettings, Phase, Plan, plan_of
@@ -294,23 +293,3 @@ def find_stretches(points: Array, rings: Polylines, feasibility: Feasibility) ->
         return np.zeros(len(points), dtype=bool)
     apart, _ = cKDTree(every).query(points)
     return np.asarray(apart < _REACH * limits.radius)
-
-
-class History:
-    """Record at most `most` states of a search, spread evenly over its iterations; pass it as `watch`.
-
-    When it is full, every other state is dropped, and from then on half as many are recorded.
-    """
-
-    def __init__(self, most: int = 24) -> None:
-        self.states: list[Knots] = []
-        self._most, self._every, self._seen = most, 1, 0
-
-    def __call__(self, knots: Callable[[], Knots], certified: bool) -> None:
-        """Record the present knots if it is their turn."""
-        if self._seen % self._every == 0:
-            self.states.append(knots())
-        self._seen += 1
-        if len(self.states) > self._most:
-            self.states = self.states[::2]
-            self._every *= 2

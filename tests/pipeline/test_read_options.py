@@ -270,6 +270,9 @@ def test_two_pieces_of_a_drawing_become_two_flat_knots(
     knots = json.loads((out / "knots.json").read_text())["knots"]
     report = json.loads((out / "report.json").read_text())
     assert len(knots) == len(report["knots"]) == 2
+    page = (out / "report.html").read_bytes()  # it needs nothing but the folder
+    (out / "report.html").unlink()
+    assert knotfab("report", out).code == 0 and (out / "report.html").read_bytes() == page
     assert report["print"]["depth_ratio"] < 0.15
     assert any("2 knots are loose" in note for note in report["notes"])
     assert tomllib.loads((out / "scene.toml").read_text())["piece"]["depth"] == "flat"

@@ -28,9 +28,9 @@ from PIL import Image, ImageDraw
 from reports import LOSS, VERDICT, report_with
 
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
-from knotfab.report.page import VIEWER, Picture, write_report_html
+from knotfab.report.page import VIEWER, Picture, render_html
 from knotfab.report.setup import draw_sheets, write_setup
-from knotfab.report.viewer import HistoryFrame, viewer_data
+from knotfab.report.viewer import viewer_data
 from knotfab.scene.camera import camera_of
 from knotfab_formats.errors import plain
 from knotfab_validators.shadows.compare import overlap
@@ -219,7 +219,7 @@ def tube(radius: float, n: int) -> list[Any]:
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """report.html as a build writes it, of a piece on a plate, with a search behind it."""
+    """report.html as a build writes it, of a piece on a plate."""
     folder = tmp_path_factory.mktemp("report")
     mounted, scene, camera = setup("plate")
     write_setup(folder, draw_sheets(mounted, scene, [camera]), [OFF])
@@ -237,12 +237,10 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record = report_with(views=views, print=printed, notes=notes, slicer=SLICED)
     view, knots = view_of(), wavy_knots()
     bodies = bodies_of(knots, post(view))
-    history = [HistoryFrame(f"{k} %", wavy_knots()) for k in (0, 50)]
     asked = validated_shadow(bodies, geometry_at(view, 600))[120:-120, 150:-150]
-    shown = viewer_data(scene_of([view], "wall"), knots, bodies, [asked], history=history)
+    shown = viewer_data(scene_of([view], "wall"), knots, bodies, [asked])
     shown["views"][0]["name"] = evil
-    write_report_html(
-        folder / "report.html",
+    page = render_html(
         record,
         [Picture(folder / "compare-front.png", "compare", view="front")],
         evil,
@@ -252,6 +250,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
             ["part.3mf", "part.stl", "part.glb", "setup.pdf", "scene.toml", "knots.json"]
         ),
     )
+    (folder / "report.html").write_text(page, "utf-8")
     return folder / "report.html"
 
 
@@ -370,12 +369,6 @@ def test_it_is_turned_zoomed_and_lit_by_keys(desk: Any) -> None:
     told.filter(has_not_text="9").wait_for()
     desk.get_by_role("button", name="Put back").click()
     assert slider.get_attribute("aria-valuetext") == "0 mm"
-    search = desk.get_by_label("The search, from template to knot")
-    search.focus()
-    desk.keyboard.press("Home")
-    assert search.get_attribute("aria-valuetext") == "0 %"
-    desk.keyboard.press("End")
-    assert search.get_attribute("aria-valuetext") == "the knot"
     desk.get_by_role("button", name="As printed").click()
     assert "printed" in canvas.get_attribute("aria-label") and not slider.is_visible()
 

@@ -15,14 +15,14 @@ from knotfab.base.errors import SceneError
 from knotfab.design.room import depth_extent
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import polylines_of_sizes
-from knotfab.knots import Knot, Knots
+from knotfab.knots import Knots
 from knotfab.limits.feasibility import measure_feasibility
 from knotfab.limits.terms import Felt, State
 from knotfab.problem import Problem, Start
 from knotfab.search import search as module
 from knotfab.search.flow import plan_of, repair_phase, three_phases
 from knotfab.search.objective import Term, Weights
-from knotfab.search.search import History, Pace, find_stretches, mend_stretches, search
+from knotfab.search.search import Pace, find_stretches, mend_stretches, search
 from knotfab.search.state import SearchState, begin_search
 from knotfab.start.start import make_start
 from knotfab_formats.errors import InputError
@@ -324,24 +324,3 @@ def test_one_view_is_mended_gently_by_the_search_itself() -> None:
     assert moved[60:180].max() < 0.005 < moved[0]
     without = search(room(), start, RADIUS, settings, plan=replace(plan, repairs=0))
     assert not without.feasible and np.array_equal(without.knots.points, ring(0.6))
-
-
-# States of a search: few, evenly spread, from its first to nearly its last.
-
-
-@pytest.mark.parametrize("iterations", [0, 1, 7, 8, 9, 100, 1000])
-def test_few_states_are_kept_and_evenly_spread(iterations: int) -> None:
-    history, made = History(most=8), []
-
-    def knots(k: int) -> Knots:
-        made.append(k)
-        return Knots((Knot(np.eye(3)),), 1.0 + k)
-
-    for k in range(iterations):
-        history(lambda k=k: knots(k), True)
-    taken = [round(state.radius_mm - 1.0) for state in history.states]
-    assert len(taken) <= 8 and (not iterations or taken[0] == 0)
-    assert len(taken) >= min(iterations, 4)
-    steps = set(np.diff(taken).tolist())
-    assert len(steps) <= 1 and all(iterations - taken[-1] <= step for step in steps)
-    assert len(made) <= 8 + 4 * max(1, np.log2(max(iterations, 8) / 8) + 1)
