@@ -150,8 +150,6 @@ class Material(Table):
     """Young's modulus, its stiffness."""
     yield_mpa: Modulus = 50.0
     """Yield strength: the stress from which a bend stays."""
-    transmittance_per_mm: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
-    """The share of light that passes through 1 mm; 0: opaque."""
     shrinkage_percent: Annotated[float, Strict(), Field(ge=0, lt=20)] = 0.0
     """Shrinkage of every length after printing, for which all files are written larger; 0: the
     slicer or the print service sees to it."""

@@ -60,15 +60,13 @@ class PlateFigures:
 
     All of its layers lie below all strands: a change of filament at the height `change_at_mm`, before the
     layer `change_layer` (the first is 1), gives a screen and a piece of two colours. `outline` (n, 2), mm
-    right and up from the frame's middle. `hidden_aside`: the share of the shadow's edge that the piece hides
-    from viewers that many degrees to either side.
+    right and up from the frame's middle.
     """
 
     thickness_mm: float
     change_at_mm: float
     change_layer: int
     mass_g: float
-    hidden_aside: dict[str, float]
     outline: tuple[tuple[float, float], ...]
 
 

@@ -188,46 +188,12 @@ class Bending:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contrast:
-    """The darkness of the shadow, (lit - dark) / lit, in the middle and where it is palest.
-
-    `falloff` is the lamp's least light within the frame over its greatest. `ambient`, `room` and `second` are
-    light from elsewhere, from the room's walls and from a second lamp, which casts the shadow of the piece's
-    middle `ghost_shift_mm` away with `ghost_contrast`, or None. Strands let `transmitted` of the light
-    through, and throw at most `bounced` back at the wall.
-    """
-
-    contrast: float
-    contrast_least: float
-    falloff: float
-    ambient: float
-    room: float
-    second: float
-    transmitted: float
-    bounced: float
-    ghost_shift_mm: float | None
-    ghost_contrast: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class Sag:
     """The IoU of the knots' own shadow as designed and as they sag, and the largest shift of a strand's."""
 
     widest_px: float
     iou: float
     iou_designed: float
-
-
-@dataclass(frozen=True)
-class Hiding:
-    """The share of the shadow's edge that the piece hides from far viewers at either side, by their angle.
-
-    `gap_mm`: how much farther off the wall it would hide no more than a tenth from 30 degrees; None where it
-    hides no more, or would at any gap that was tried.
-    """
-
-    share: dict[str, float]
-    gap_mm: float | None
 
 
 @dataclass(frozen=True)
@@ -278,9 +244,7 @@ class View:
     picture_notes: tuple[str, ...] | None = None
     bound: float | None = None
     drawn: str | None = None
-    contrast: Contrast | None = None
     sag: Sag | None = None
-    hiding: Hiding | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

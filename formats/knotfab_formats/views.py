@@ -19,7 +19,6 @@ from knotfab_formats.bounds import (
     Side,
     Spread,
     Turn,
-    Vector,
     WallRadius,
     Whole,
     Word,
@@ -193,11 +192,6 @@ class View(Reading):
         return self.light_shape in ("rectangle", "leds")
 
     @property
-    def light_is_flat(self) -> bool:
-        """Whether the lamp's light falls off by the cosine to its side, with none behind it."""
-        return self.light_shape != "ball"
-
-    @property
     def magnification(self) -> float:
         """The size of the shadow over that of a body in the middle of the piece."""
         return (self.light_distance_mm + self.wall_distance_mm) / self.light_distance_mm
@@ -210,16 +204,12 @@ class Switches(Table):
     """A lamp of some size blurs the shadow."""
     misplacement: Switch = None
     """People put lamp, piece and wall slightly out of place."""
-    contrast: Switch = None
-    """Other light makes the shadow paler."""
     sag: Switch = None
     """The piece sags on its mount."""
     layers: Switch = None
     """The printer's layers make steps in the outline."""
     wall: Switch = None
     """Curvature of a round wall."""
-    hiding: Switch = None
-    """A piece near its wall hides part of its shadow from viewers."""
 
 
 class Room(Table):
@@ -231,10 +221,6 @@ class Room(Table):
     """Area of walls, floor and ceiling together; 0: no room."""
     reflectance: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
     """The share of light that walls, floor and ceiling reflect."""
-    second_lamp_mm: Vector | Annotated[None, Word("none")] = None
-    """Where a second lamp stands in the scene, [x, y, z], in front of the piece."""
-    second_lamp_share: Ratio = 1.0
-    """The second lamp's light in the middle of the picture, as a ratio to the first one's."""
 
 
 class Placing(Table):

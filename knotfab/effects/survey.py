@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
-from knotfab.effects.contrast import CONTRAST
-from knotfab.effects.hiding import HIDING
 from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
 from knotfab.effects.shifts import LAYERS, SAG, WALL
 from knotfab_formats.views import Switch
 
-EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, CONTRAST, SAG, LAYERS, WALL, HIDING)
+EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, SAG, LAYERS, WALL)
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:

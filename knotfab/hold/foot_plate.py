@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import FILLET_MM
-from knotfab.effects.hiding import draw_strands
 from knotfab.geometry.tube import Mesh, as_manifold
 from knotfab.hold.beams import JOINT_RADII, Holder, Stiffness, sag_moves, worst_of
 from knotfab.hold.solids import Fixture
@@ -153,7 +152,10 @@ def _cast_tubes(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
     )
     wide = knots.radius_mm * to_wall_mm / to_piece_mm
     cast = [camera.cast(knot.points) @ to_wall[:, :3].T + to_wall[:, 3] for knot in knots.knots]
-    return draw_strands([line[:, :2] for line in cast], wide)
+    import shapely
+
+    rings = [shapely.LineString(np.append(line, line[:1], axis=0)[:, :2]) for line in cast]
+    return shapely.union_all([ring.simplify(WITHIN_MM).buffer(wide) for ring in rings])
 
 
 def _bridge_islands(body: Geometry) -> Polygon:

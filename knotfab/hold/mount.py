@@ -22,7 +22,7 @@ from knotfab.scene.camera import Camera, CurvedWall, camera_of
 from knotfab.scene.require import require_mount
 from knotfab_formats.print_figures import MountFigures, PlateFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
-from knotfab_formats.verdict import Check, Hiding
+from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_most
 
 if TYPE_CHECKING:
@@ -253,7 +253,7 @@ class Mounted:
             "out": (turn @ self.upright[2] / scale).tolist(),
         }
 
-    def plate_figures(self, shrinks_to: float, hiding: Hiding | None) -> PlateFigures | None:
+    def plate_figures(self, shrinks_to: float) -> PlateFigures | None:
         """Report the plate in which the piece stands; it is printed larger, by what the material shrinks."""
         if self.wall is None or self.wall.plate is None:
             return None
@@ -269,7 +269,6 @@ class Mounted:
             change_at_mm=round(layers * printer.layer_height_mm, 4),
             change_layer=layers + 1,
             mass_g=float(area * mount.thickness_mm * 1e-3 * material.density_g_cm3),
-            hidden_aside={} if hiding is None else hiding.share,
             outline=tuple((round(float(x), 2), round(float(y), 2)) for x, y in outline),
         )
 

@@ -21,13 +21,9 @@ from knotfab.report.effects import (
     advise_widening,
     count_flattened,
     judge_made,
-    list_contrasts,
-    list_hidings,
     list_sags,
     list_views,
     tell_bounds,
-    tell_contrast,
-    tell_hiding,
     tell_walls,
     tell_warnings,
 )
@@ -100,7 +96,7 @@ def report_piece(
         print_ = replace(
             print_of(made, part.bodies, views),
             mount=mounted.figures,
-            plate=_plate_of(piece, views) if printing else None,
+            plate=_plate_of(piece) if printing else None,
             drawings=tuple(drawings),
             setup=tell_setup(mounted, cameras, made.knots.radius_mm),
             turning=turning,
@@ -172,7 +168,7 @@ def _list_notes(
             len(targets) == 1 and flat_wall,
             len(targets),
         ),
-        *tell_plate(_plate_of(piece, views), part.mounted.scene),
+        *tell_plate(_plate_of(piece), part.mounted.scene),
         *(tell_unsliced(sliced) if request.printing else ()),
         *piece.notes,
         *filter(None, [part.framing[1]]),
@@ -181,8 +177,6 @@ def _list_notes(
         *tell_binding(made),
         *tell_warnings(made.result.effects),
         *advise_nearer_wall(views, made),
-        *tell_contrast(views),
-        *tell_hiding(views, part.mounted.scene),
         *tell_walls(views),
         *tell_bounds(made, targets),
         *laid,
@@ -190,24 +184,21 @@ def _list_notes(
 
 
 def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[View]:
-    """Add to the verified views what only the build knows: effects, contrast, sag, bounds."""
+    """Add to the verified views what only the build knows: effects, sag, bounds."""
     made, part, lies = piece.made, piece.part, piece.scene.pose
     moves = None if part is None else part.mounted.moves
     up = None if lies is None or not printing else np.array(lies.matrix)[:3, 2]
     judge_made(made, piece.scene, moves, up)
     count_flattened(made.result.effects, piece.targets)
     sags = list_sags(made, moves, [target.asked for target in piece.targets])
-    return list_views(
-        verdict.views, made, piece.targets, list_contrasts(made), sags, list_hidings(made)
-    )
+    return list_views(verdict.views, made, piece.targets, sags)
 
 
-def _plate_of(piece: WrittenPiece, views: Sequence[View]) -> PlateFigures | None:
+def _plate_of(piece: WrittenPiece) -> PlateFigures | None:
     """Return the figures of the plate in which the piece stands, if it does."""
     if piece.part is None:
         return None
-    hiding = views[0].hiding if views else None
-    return piece.part.mounted.plate_figures(piece.scene.material.shrinks_to, hiding)
+    return piece.part.mounted.plate_figures(piece.scene.material.shrinks_to)
 
 
 def tell_other_tube(previewed_mm: float | None, built_mm: float) -> list[str]:

@@ -16,6 +16,7 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Material, Printer
 from knotfab_formats.scene import ResolvedScene, Scene
 from knotfab_formats.search import OF_NO_PRESET, SearchSettings, search_settings
+from knotfab_formats.struck import pass_keys
 from knotfab_formats.views import Switches
 
 
@@ -105,6 +106,8 @@ def _read_switches(texts: Collection[str]) -> dict[str, Any]:
     known, keys = list(Switches.model_fields), {}
     for text in texts:
         name, _, word = (part.strip().lower() for part in text.partition("="))
+        if not pass_keys({"effects": {name: word}}, f"--effect {text}")["effects"]:
+            continue  # struck, and it asks for nothing
         if name not in known:
             raise InputError(
                 f"--effect {text}", "there is no such effect", f"Known: {', '.join(known)}."

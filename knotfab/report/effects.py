@@ -8,16 +8,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from knotfab_formats.report import EffectLine, LimitLine
-from knotfab_formats.verdict import (
-    Contrast,
-    Hiding,
-    Misplacement,
-    Recognition,
-    Sag,
-    Verdict,
-    View,
-    WorstMove,
-)
+from knotfab_formats.verdict import Misplacement, Recognition, Sag, Verdict, View, WorstMove
 
 if TYPE_CHECKING:
     from knotfab.base.arrays import Array, Mask
@@ -27,9 +18,6 @@ if TYPE_CHECKING:
     from knotfab.problem import SearchResult
     from knotfab_formats.scene import ResolvedScene, SettledScene
 
-_SOFTER_MM = 0.1  # a blur from which on it is worth a word
-# measured with knight, heart, plane and cat: `python -m benchmarks.supports_table --mount wall`
-_PEGS = "some 2.3 times the filament and 1.7 times the hours"
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
 
@@ -101,41 +89,6 @@ def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
     return [decision.warning for decision in effects.values() if decision.warning is not None]
 
 
-def list_contrasts(made: Design) -> list[Contrast | None]:
-    """Measure the light and dark of each view; None where the scene does not call for it."""
-    from knotfab.effects.base import Shadows, World
-    from knotfab.effects.contrast import CONTRAST, contrast_of
-
-    decision = made.result.effects.get(CONTRAST.name)
-    if decision is None or not decision.simulated:
-        return [None for _ in made.scene.views]
-    world, contrasts = World.from_scene(made.scene), list[Contrast | None]()
-    for view in made.scene.views:
-        with decision.called("report"):
-            seen = Shadows.from_points(view, made.knots.points)
-            found = contrast_of(seen, made.knots.radius_mm, world)
-        contrasts.append(found)
-    return contrasts
-
-
-def list_hidings(made: Design) -> list[Hiding | None]:
-    """Measure what the piece hides of each view's shadow; None where the scene does not call for it."""
-    from knotfab.effects.base import Shadows
-    from knotfab.effects.hiding import HIDING, hide_edge
-
-    decision, knots = made.result.effects.get(HIDING.name), made.knots
-    hidings = list[Hiding | None]()
-    for view in made.scene.views:
-        if decision is None or not decision.simulated or view.kind == "eye":
-            hidings.append(None)
-            continue
-        with decision.called("report"):
-            seen = Shadows.from_points(view, knots.points)
-            lines = [seen.wall.place(knot.points) for knot in knots.knots]
-            hidings.append(hide_edge(seen, lines, knots.radius_mm))
-    return hidings
-
-
 def judge_made(
     made: Design, scene: ResolvedScene, moves: Array | None, upwards: Array | None
 ) -> None:
@@ -205,56 +158,6 @@ def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[
     return sags
 
 
-def tell_contrast(views: Sequence[View]) -> list[str]:
-    """Say how dark the shadows are, one sentence for each view where that was measured."""
-    said = []
-    for view in views:
-        found = view.contrast
-        if found is None:
-            continue
-        ghost = (
-            f" The second lamp throws a shadow {found.ghost_contrast:.0%} as dark as can be, "
-            f"{found.ghost_shift_mm:.0f} mm aside."
-            if found.ghost_shift_mm is not None
-            else ""
-        )
-        which = f" of {view.name}" if len(views) > 1 else ""
-        said.append(
-            f"Light and dark{which}: in the middle the shadow is {found.contrast:.0%} as "
-            f"dark as can be, where it is palest {found.contrast_least:.0%}; there the wall gets "
-            f"{found.falloff:.0%} of the light of its middle.{ghost}"
-        )
-    return said
-
-
-def tell_hiding(views: Sequence[View], scene: ResolvedScene) -> list[str]:
-    """Say what viewers at the side lose of each shadow, and what a wider gap would give them and cost."""
-    from knotfab.effects.hiding import ASIDE_DEG, NOTICED
-
-    said = []
-    for view, asked in zip(views, scene.views, strict=False):
-        found = view.hiding
-        if found is None or found.share[str(ASIDE_DEG[0])] <= NOTICED:
-            continue
-        which = f" of {view.name}" if len(views) > 1 else ""
-        hidden = " and ".join(f"{100 * share:.0f} % from {a}°" for a, share in found.share.items())
-        line = (
-            f"Near its wall the piece hides part of its own shadow's edge{which} from who looks aside: "
-            f"{hidden}."
-        )
-        if found.gap_mm is not None:
-            pegs = "--mount wall --plate pegs " if scene.mount.on_feet else ""
-            soft = asked.light_size_mm * found.gap_mm / asked.light_distance_mm
-            price = [f"an edge some {soft:.1f} mm softer"] if soft >= _SOFTER_MM else []
-            price += [_PEGS] if pegs else []
-            line += (
-                f" Built for {pegs}--wall-distance {asked.wall_distance_mm + found.gap_mm:g} it would "
-                f"hide at most {NOTICED:.0%} from 30°{', for ' if price else ''}{' and '.join(price)}."
-            )
-        said.append(line)
-    return said
-
-
 def tell_move(
     move: WorstMove, off: Misplacement, kind: str, threads_apart_mm: float | None = None
 ) -> str:
@@ -309,12 +212,7 @@ def advise_nearer_wall(views: Sequence[View], made: Design) -> list[str]:
 
 
 def list_views(
-    views: Sequence[View],
-    made: Design,
-    targets: Sequence[Target],
-    contrasts: Sequence[Contrast | None],
-    sags: Sequence[Sag | None],
-    hidings: Sequence[Hiding | None],
+    views: Sequence[View], made: Design, targets: Sequence[Target], sags: Sequence[Sag | None]
 ) -> list[View]:
     """Add to each of the validators' views what the maker knows of its picture and effects.
 
@@ -323,7 +221,7 @@ def list_views(
     """
     bounds = {v.name: b.iou for v, b in zip(made.scene.views, made.bounds, strict=False)}
     files = {view.name: view.drawn_picture for view in made.scene.views}
-    each = zip(views, targets, contrasts, sags, hidings, strict=False)
+    each = zip(views, targets, sags, strict=False)
     return [
         replace(
             view,
@@ -331,11 +229,9 @@ def list_views(
             picture_notes=tuple(target.notes) or None,
             bound=bounds.get(view.name),
             drawn=files[view.name] if bounds and view.bending is not None else None,
-            contrast=contrast,
             sag=sag,
-            hiding=hiding,
         )
-        for view, target, contrast, sag, hiding in each
+        for view, target, sag in each
     ]
 
 

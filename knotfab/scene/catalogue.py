@@ -135,7 +135,7 @@ Named = TypeVar("Named", Printer, Material)
 # Usual values for most printers and materials, which a person's own file may leave out.
 USUAL = {"layer_height_mm", "supports", "max_overhang_deg", "max_bridge_mm", "max_support_cm3"}
 USUAL |= {"process", "color", "min_wall_mm", "min_gap_mm"}
-USUAL |= {"young_modulus_mpa", "yield_mpa", "transmittance_per_mm"}
+USUAL |= {"young_modulus_mpa", "yield_mpa"}
 USUAL |= {"shrinkage_percent"}
 
 

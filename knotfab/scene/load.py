@@ -167,19 +167,7 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
             f"the piece reaches {reach:g} mm towards the wall, but wall_distance_mm is {wall:g}",
             "Move the wall away, or make the piece flatter or its tube thinner.",
         )
-    tilt, axes, second = (
-        math.radians(view.wall_tilt_deg),
-        view_axes(view),
-        scene.room.second_lamp_mm,
-    )
-    if second is not None and view.kind == "shadow":
-        normal = math.cos(tilt) * axes[2] - math.sin(tilt) * axes[1]
-        if normal @ second <= 0:
-            yield (
-                f"the second lamp, second_lamp_mm = {list(second)}, stands behind the middle of the "
-                "piece, where it throws no shadow on this wall",
-                "Move it before the piece, or leave it out.",
-            )
+    tilt = math.radians(view.wall_tilt_deg)
     if 0.5 * view.light_size_mm >= light - reach:
         yield (
             f"a lamp of {view.light_size_mm:g} mm reaches the piece, {light - reach:g} mm from its "

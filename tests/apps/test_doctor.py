@@ -77,7 +77,7 @@ def test_what_is_compiled_later_is_named(tmp_path: Path) -> None:
         for name in re.findall(r"^@compiled\ndef (\w+)", path.read_text("utf-8"), re.MULTILINE)
     }
     assert kept and every - kept <= {
-        *("base._bend", "contrast._filled", "contrast._hidden", "shifts._shifts"),
+        *("base._bend", "shifts._shifts"),
         *("kernels.closest_parameters", "naming._overlap", "naming.fit_picture"),
     }
 

@@ -7,12 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from knotfab.base.arrays import Array
-from knotfab.effects.base import EffectContext, OnWall, Shadows, World
-from knotfab.effects.contrast import contrast_of
+from knotfab.effects.base import EffectContext, Shadows, World
 from knotfab.effects.misplacement import parting_mm
 from knotfab.effects.shifts import LAYERS, SAG, WALL
 from knotfab.geometry.measures import find_neighbours
@@ -20,10 +18,10 @@ from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Felt, State
 from knotfab.render.capsules import BEHIND, capsule_distance, cut_before_light
 from knotfab.render.silhouette import Frame
-from knotfab.scene.camera import Camera, camera_of, view_axes
-from knotfab_formats.piece import Material, Printer
+from knotfab.scene.camera import Camera, camera_of
+from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedView
-from knotfab_formats.views import Placing, Room
+from knotfab_formats.views import Placing
 
 
 def state_at(points: Array, reach: float = 12.0) -> State:
@@ -70,85 +68,6 @@ def render_dense(
         s = torch.where(seen, s, BEHIND)
         image.append(torch.sigmoid(tau * s.max(dim=1).values.clamp_min(BEHIND)))
     return torch.cat(image).reshape(frame.height, frame.width)
-
-
-_RAYS = 6000  # from a place on the wall
-_FEW = 400
-_POINTS = 400  # points of a curve
-_FEET = 60  # places behind strands that are looked at with few rays
-_WORST = 4  # the worst of these, with all
-_GRID = 301  # places across and up a frame
-
-
-def uneven_and_truth(rng: np.random.Generator) -> tuple[float, float]:
-    """What is missing of even light in a random scene, as it is claimed, and on a dense grid of places."""
-    view, points, radius, camera = random_scene(rng)
-    shape = ("disc", "ball")[rng.integers(2)]
-    view = view.model_copy(update={"light_shape": shape})
-    found = contrast_of(Shadows.from_points(view, points), radius, World())
-    assert found is not None
-    camera = camera.resized(_GRID, _GRID)
-    u, v = np.meshgrid(np.arange(_GRID), np.arange(_GRID))
-    at = camera.corner + u[..., None] * camera.du + v[..., None] * camera.dv
-    ray = camera.eye - at
-    far = np.linalg.norm(ray, axis=-1)
-    light = (ray @ camera.receiver[:3]) / far**3
-    if shape == "disc":
-        light = light * (ray @ view_axes(view)[2]) / far
-    return 1 - found.falloff, float(1 - light.min() / light.max())
-
-
-def bounce_and_truth(rng: np.random.Generator) -> tuple[float, float]:
-    """What white strands throw back onto their own shadow, as it is claimed, and by rays from the wall."""
-    view, _, radius, _ = random_scene(rng)
-    harmonics = np.arange(1, 5)[:, None] * 2 * np.pi * np.arange(_POINTS) / _POINTS
-    phases, sizes = rng.uniform(0, 2 * np.pi, (3, 4)), rng.normal(size=(3, 4))
-    waves = np.cos(harmonics + phases[:, :, None])  # a closed curve as even as a search has it
-    points = (sizes[:, :, None] * waves).sum(axis=1).T
-    room = min(0.3 * view.light_distance_mm, 0.5 * view.wall_distance_mm)
-    points *= np.array([60, 60, 0.5 * room]) / np.abs(points).max(axis=0)
-    wall = OnWall.from_view(view)
-    while wall.place(points)[:, 2].min() < 2 * radius:
-        points *= 0.9
-    world = World(room=Room(reflectance=0.5), material=Material(color="#ffffff"))
-    found = contrast_of(Shadows.from_points(view, points), radius, world)
-    assert found is not None
-    start = wall.place(points)
-    along = np.roll(start, -1, axis=0) - start
-    # places lie all across the shadow of a strand
-    behind = start[:: _POINTS // _FEET] + radius * directions(_POINTS)[:: _POINTS // _FEET]
-    feet = np.column_stack([wall.cast(behind), np.zeros(len(behind))])
-    filled = [_filled(foot, _FEW, start, along, radius) for foot in feet]
-    worst = feet[np.argsort(filled)[-_WORST:]]
-    return found.bounced, 0.5 * max(_filled(foot, _RAYS, start, along, radius) for foot in worst)
-
-
-def _filled(foot: Array, count: int, start: Array, along: Array, radius: float) -> float:
-    """What strands fill of the light from the sky at a place, by rays to where they are in it.
-
-    Over the unit disc under the sky rays stand evenly, as many towards each part as its cosine (Malley).
-    """
-    to = start - foot
-    far = np.linalg.norm(to, axis=1)[:, None]
-    seen, reach = to[:, :2] / far, np.minimum(2 * radius / far, 2.0)
-    low, high = (seen - reach).min(axis=0), (seen + reach).max(axis=0)
-    k = np.arange(count)[:, None] + 0.5
-    at = low + (high - low) * (k / [count, (1 + np.sqrt(5)) / 2] % 1)
-    up = 1 - (at**2).sum(axis=1)
-    way = np.column_stack([at, np.sqrt(np.maximum(up, 0))])[up > 0]
-    hit = _meets(foot, way, start, along, radius).sum()
-    return float(hit / count * np.prod(high - low) / np.pi)
-
-
-def _meets(foot: Array, way: Array, start: Array, along: Array, radius: float) -> NDArray[np.bool_]:
-    """(m,) whether rays from a place along unit vectors (m, 3) come within `radius` of segments (n, 3)."""
-    off = start - foot  # nearest points of two lines, the second one kept to its ends
-    wa, wo = way @ along.T, way @ off.T
-    aa, ao = (along**2).sum(axis=1), (along * off).sum(axis=1)
-    share = np.clip((wa * wo - ao) / np.maximum(aa - wa**2, 1e-12), 0, 1)
-    square = (off**2).sum(axis=1) + 2 * share * ao + share**2 * aa - (wo + share * wa) ** 2
-    hit: NDArray[np.bool_] = ((square < radius**2) & (wo + share * wa > 0)).any(axis=1)
-    return hit
 
 
 def wall_and_truth(rng: np.random.Generator) -> tuple[float, float]:
