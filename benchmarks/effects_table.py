@@ -2,16 +2,16 @@
 
 `python -m benchmarks.effects_table [--scenes N] [--part DIR] [--px N] [--samples N]`: for each kind of
 lamp the share of random scenes in which the magnitude does not bound the truth, and its ratio to it;
-milliseconds of deciding all effects; of a built part (--part, else the knight, built for it) the shadow on
-round walls against VTK's rays, and, where Mitsuba is installed (pip install mitsuba, and libllvm19 or its
-scalar variant), IoU at half light and brightness inside the penumbra under lamps of 5, 20 and 50 mm.
+milliseconds of deciding all effects; of a built part (--part, else the knight, built for it), where Mitsuba
+is installed (pip install mitsuba, and libllvm19 or its scalar variant), IoU at half light and brightness
+inside the penumbra under lamps of 5, 20 and 50 mm.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,19 +32,17 @@ from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.mesh import move_points
 from knotfab_validators.shadows.compare import overlap
-from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.lamp import measure_penumbra
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
-from tests.shared.oracles import bounds_and_truths, cast, shift_bound_and_truth, wall_and_truth
+from tests.shared.oracles import bounds_and_truths, cast, shift_bound_and_truth
 
 KINDS = ("ball", "disc", "rectangle", "leds")
 KNIGHT = Path(__file__).resolve().parents[1] / "examples" / "knight.png"
 UP = np.array([0.0, 1.0, 0.0])  # a printer's z, in the scene
 _RIM = 60  # points along the edge of a lamp; of an array fewer a LED
 _WORST = 6  # strand points of a scene that are looked at all round
-ROUND_WALLS = (400.0, -150.0)  # mm: hollow, and a column
 _DECIDED = 60  # times
 _ROUNDING = 1e-9  # the error of exact bounds
 _ROUND = 60  # points of the tube's surface about each
@@ -137,20 +135,16 @@ def print_bounds(scenes: int) -> None:
         rng = np.random.default_rng(KINDS.index(kind))
         pairs = np.array([bound_and_truth(rng, kind) for _ in range(scenes)])
         tell(f"penumbra, {kind}", pairs[:, 0] / pairs[:, 1])
-    for bent, wall in ((False, ""), (True, ", round")):
-        rng = np.random.default_rng(0)
-        pairs = np.array([bounds_and_truths(rng, bent=bent) for _ in range(scenes)])
-        for n, what in enumerate(("lamp", "turn", "tilt")):
-            tell(f"misplaced {what}{wall}", pairs[:, 0, n] / pairs[:, 1, n])
+    rng = np.random.default_rng(0)
+    pairs = np.array([bounds_and_truths(rng) for _ in range(scenes)])
+    for n, what in enumerate(("lamp", "turn", "tilt")):
+        tell(f"misplaced {what}", pairs[:, 0, n] / pairs[:, 1, n])
     rng = np.random.default_rng(1)
     pairs = np.array([bounds_and_truths(rng, turns=False) for _ in range(scenes)])
     tell("misplaced tilt, hung", pairs[:, 0, 2] / pairs[:, 1, 2])
     others: dict[str, Callable[[np.random.Generator], tuple[float, float]]] = {
-        "wall": wall_and_truth,
         "sag": lambda rng: shift_bound_and_truth(rng, "sag"),
-        "sag, round wall": lambda rng: shift_bound_and_truth(rng, "sag", bent=True),
         "layers": lambda rng: shift_bound_and_truth(rng, "layers"),
-        "layers, round wall": lambda rng: shift_bound_and_truth(rng, "layers", bent=True),
     }
     for what, measure in others.items():
         rng = np.random.default_rng(0)
@@ -166,9 +160,7 @@ def print_deciding() -> None:
     points = np.column_stack([60 * np.sin(7 * t), 60 * np.sin(8 * t + 1), 30 * np.sin(9 * t + 2)])
     leds: dict[str, Any] = {"light_shape": "leds", "light_leds": (3, 2)}
     leds |= {"light_width_mm": 30.0, "light_height_mm": 20.0}
-    column: dict[str, Any] = {"wall_radius_mm": -300.0}
-    cases = {"a disc": {}, "LEDs": leds, "two round walls": column, "both of these": leds | column}
-    for name, keys in cases.items():
+    for name, keys in {"a disc": {}, "LEDs": leds}.items():
         view = ResolvedView(frame_width_mm=180.0, frame_height_mm=180.0, **keys)
         world = World(placing=Placing(tilt_deg=1.0))
         context = EffectContext(
@@ -248,43 +240,6 @@ def print_traced(folder: Path, px: int, samples: int) -> None:
             )
 
 
-def print_round(folder: Path, radii: Sequence[float], px: int = 160) -> None:
-    """Print a built part before round walls: its shadow by VTK's rays from each place of the wall.
-
-    Beside them the share of pixels in which the validators' rendering and polygons, and what a flat wall
-    would have, differ from that.
-    """
-    import pyvista
-
-    setting, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
-    view = setting.views[0]
-    picture = read_silhouette(folder / view.picture, view)
-    frame = working_frame(picture.shape[1], picture.shape[0], px)
-    vertices = move_points(mesh.vertices, np.asarray(setting.pose.matrix))
-    solid = pyvista.PolyData.from_regular_faces(vertices, mesh.faces)  # type: ignore[arg-type]
-    print("wall's radius, mm  pixels  dark  rendering off  polygons off  flat wall off")
-    with SilhouetteRenderer(vertices, mesh.faces) as renderer:
-        for radius in radii:
-            bent = replace(view, wall_radius_mm=radius)
-            seen = view_geometry(bent, picture.shape[1], picture.shape[0]).resample(frame)
-            # places are counted by hand: in mm from the frame's middle, and round the cylinder
-            v, u = np.mgrid[: seen.height, : seen.width]
-            arc = (u - (seen.width - 1) / 2).ravel() * np.linalg.norm(seen.du)
-            down = (v - (seen.height - 1) / 2).ravel() * np.linalg.norm(seen.dv)
-            across, before = radius * np.sin(arc / radius), radius * (1 - np.cos(arc / radius))
-            at = np.column_stack([across, view.frame_up_mm - down, before - view.wall_distance_mm])
-            lamp = np.array([0.0, 0.0, view.light_distance_mm])
-            dark = np.array([len(solid.ray_trace(p, lamp, first_point=True)[0]) > 0 for p in at])
-            dark = dark.reshape(v.shape)
-            others = (
-                renderer.render(seen),
-                shadow_mask(shadow_lines(vertices, mesh.faces, seen), seen),
-                renderer.render(seen.flat),
-            )
-            off = "  ".join(f"{(dark != other).mean():12.5f}" for other in others)
-            print(f"{radius:17.0f}  {dark.size:6d}  {dark.mean():.2f}  {off}", flush=True)
-
-
 class _Lamp:
     """A disc of a diameter, mm."""
 
@@ -303,7 +258,6 @@ def main(*, scenes: int = 200, part: Path | None = None, px: int = 512, samples:
         if part is None:
             part = Path(folder) / "knight"
             build_apart(KNIGHT, part)
-        print_round(part, ROUND_WALLS)
         if _has_mitsuba():
             print_traced(part, px, samples)
 

@@ -84,7 +84,7 @@ def test_what_the_site_has_from_code_is_on_its_pages() -> None:
         return on_page_markdown("its text", SimpleNamespace(file=SimpleNamespace(src_uri=name)))
 
     keys = (ROOT / "docs" / "scene.toml").read_text("utf-8")
-    assert shown("conventions.md") == f"its text\n```toml\n{keys}```\n" and "wall_radius_mm" in keys
+    assert shown("conventions.md") == f"its text\n```toml\n{keys}```\n" and "wall_tilt_deg" in keys
     (call,) = re.findall(r"^### build\n\n```python\nbuild\((.*)\)", shown("api.md"), re.M)
     assert "progress" in call and shown("tutorial.md") == "its text"
 
@@ -100,7 +100,7 @@ def test_the_pages_are_a_site_in_which_each_is_found(tmp_path: Path) -> None:
     found = {entry["location"].partition("#")[0] for entry in index["docs"]}
     assert {page.stem for page in (ROOT / "docs").glob("*.md")} == {Path(p).stem for p in found}
     text = {entry["location"]: entry["text"] for entry in index["docs"]}
-    assert "wall_radius_mm" in text["conventions.html#scenetoml-schema-1"]
+    assert "wall_tilt_deg" in text["conventions.html#scenetoml-schema-1"]
     assert "progress" in text["api.html#build"]  # both are made from code, by a hook
     html = (tmp_path / "site" / "index.html").read_text("utf-8")
     assert not re.findall(r'(?:src|href)="https?://(?!squidfunk)', html)  # nothing is fetched

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.hard.crossing import passes_through
-from benchmarks.hard.light import LampCase, WallCase, wall_shares
+from benchmarks.hard.light import LampCase
 from benchmarks.hard.measure import FORMS, double_error, forward_error, image
 from benchmarks.hard.pictures import hopf_link, torus_knot
 from benchmarks.hard.rendering import RenderCase
@@ -183,20 +183,6 @@ def _least(holds: Callable[[float], bool]) -> float:
     return high
 
 
-def _walled(x: Array) -> float:
-    high, sign = _power(x[0], 1, 4), 1 if x[1] > 0 else -1
-    radius = sign * _power(x[2], 1, 9)
-    if sign > 0:
-        radius = max(radius, 0.5000001 * high)
-    # as far aside as light falls on it at 80 degrees, and before it comes near the light: as wide as is taken
-    wall = WallCase("hunted", "", radius, high, 1e3 * x[3], 1.0)
-    reach = 1.5 * abs(radius)
-    while wall.wall.slant_deg(reach) > 80 or reach**2 > radius * high > 0:
-        reach *= 0.8
-    error, share = wall_shares(replace(wall, reach=reach * _power(x[4], -6, 0)))
-    return share if np.isfinite(error) else np.inf
-
-
 def _lit(x: Array) -> float:
     far = _power(x[0], 1, 6)
     at = np.array([far * x[1], far * x[2], -100.0 + (far + 100) * _power(x[3], -9, -0.05)])
@@ -222,7 +208,6 @@ HUNTS: dict[str, Hunt] = {
             "certificate, two rings", 12 * _RING, partial(_passed, np.concatenate(hopf_link(_RING)))
         ),
         Hunt("certificate, a trefoil", 6 * 12, partial(_passed, torus_knot(2, 3, 12))),
-        Hunt("round wall", 5, _walled),
         Hunt("lamp", 5, _lit),
     )
 }

@@ -15,31 +15,14 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    Field,
-    Strict,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-)
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic import BaseModel, Field, Strict, TypeAdapter, ValidationError, ValidationInfo
+from pydantic_core import CoreSchema, core_schema
 
 MOST_MM, LEAST_MM = 1e5, 1e-3  # the shadow on a tower; a thousandth of a hair
 MOST_COORDINATE_MM = 1e5  # a part's coordinates: 100 m; farther ones make its checks take minutes
 _LONGEST_MM = 1e7  # a tube
 _FAR_MM = 1e9  # a lamp that stands for the sun, and the radius of an almost flat wall
 _MOST_WHOLE = 10**9
-
-
-def _not_nothing(radius: float) -> float:
-    """Require a radius that is not nearly 0: positive is hollow towards the light, negative a column."""
-    if abs(radius) < LEAST_MM:
-        raise PydanticCustomError(
-            "radius", "a radius, not 0: positive of a hollow wall, negative of a column"
-        )
-    return radius
 
 
 AUTO = "auto"  # how a file says that the build is to choose
@@ -77,9 +60,6 @@ LampDistance = Annotated[float, Strict(), Field(ge=LEAST_MM, le=_FAR_MM)]
 TubeLength = Annotated[float, Strict(), Field(ge=1, le=_LONGEST_MM)]
 Coordinate = Annotated[float, Strict(), Field(ge=-MOST_COORDINATE_MM, le=MOST_COORDINATE_MM)]
 Shift = Annotated[float, Strict(), Field(ge=-MOST_MM, le=MOST_MM)]
-WallRadius = Annotated[
-    float, Strict(), Field(ge=-_FAR_MM, le=_FAR_MM), AfterValidator(_not_nothing)
-]
 Angle = Annotated[float, Strict(), Field(ge=-90, le=90)]
 Turn = Annotated[float, Strict(), Field(ge=-3600, le=3600)]
 Density = Annotated[float, Strict(), Field(ge=1e-3, le=25)]  # from aerogel to osmium

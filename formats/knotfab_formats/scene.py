@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import cos, pi
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -97,16 +96,15 @@ class Scene(Table):
 
     @property
     def is_one_shadow(self) -> bool:
-        """Whether there is one view, a shadow on a flat wall."""
+        """Whether there is one view, a shadow."""
         first, *others = self.views
-        return not others and first.wall_radius_mm is None and first.kind == "shadow"
+        return not others and first.kind == "shadow"
 
     def hangs(self, knots: int) -> bool:
-        """Return whether the piece gets a wall mount; if open, only several knots on one flat wall do."""
+        """Return whether the piece gets a wall mount; if open, only several knots on one wall do."""
         if self.mount.kind != "auto" or self.mount.on_feet:
             return self.mount.kind == "wall" or self.mount.on_feet
-        one_flat = len(self.views) == 1 and self.views[0].wall_radius_mm is None
-        return knots > 1 and one_flat
+        return knots > 1 and len(self.views) == 1
 
 
 class ResolvedPrinter(Printer):
@@ -172,20 +170,12 @@ class ResolvedView(View):
         return self.longer_mm / VERIFIED_PX
 
     @property
-    def clear_mm(self) -> float:
-        """The distance from the piece's middle to the nearest place of the wall, also outside its frame."""
-        radius = self.wall_radius_mm
-        if radius is None or radius < 0:
-            return self.wall_distance_mm
-        return self.wall_distance_mm - radius * (
-            1 - cos(min(0.5 * self.frame_width_mm / radius, pi / 2))
-        )
-
-    @property
     def reach_mm(self) -> float:
         """Return how far from its middle a piece may reach to either side, if its region is "auto"."""
         before_lamp = WALL_SHARE * (self.light_distance_mm - 0.5 * self.light_size_mm)
-        return min(WALL_SHARE * self.clear_mm, LIGHT_SHARE * self.light_distance_mm, before_lamp)
+        return min(
+            WALL_SHARE * self.wall_distance_mm, LIGHT_SHARE * self.light_distance_mm, before_lamp
+        )
 
     def px_per_mm(self, width_px: int) -> float:
         """Return how many px of a picture `width_px` wide make 1 mm of a piece in the scene's middle."""

@@ -30,6 +30,7 @@ _SUBJECT = (
     "Lift the subject out first, as a phone or rembg does in one tap, and bring the PNG with transparency; "
     "a mask that knotfab 1 wrote, subject-NAME.png, is read as a picture of its own with --ink light"
 )
+_ROUND = "Throw the picture on a flat wall, or on a tilted one (wall_tilt_deg)"
 _ADVISED = "Leave it out: it changed no file, and only the report told of it"
 OPTIONS: dict[str, Struck] = {
     "--also": Struck(_ALSO),
@@ -58,9 +59,11 @@ KEYS: dict[tuple[str, str], Struck] = {
     ("search", "grace_of"): Struck("Leave it out", nothing=("curves",)),
     ("effects", "contrast"): Struck(_ADVISED, ("auto", "off")),
     ("effects", "hiding"): Struck(_ADVISED, ("auto", "off")),
+    ("effects", "wall"): Struck(_ROUND, ("auto", "off")),
     ("material", "transmittance_per_mm"): Struck(_ADVISED, (0,)),
     ("room", "second_lamp_mm"): Struck(_ADVISED, ("none",)),
     ("room", "second_lamp_share"): Struck(_ADVISED, (1,)),
+    ("views", "wall_radius_mm"): Struck(_ROUND, ("flat",)),
 }
 """Keys of scene.toml by table and name; the name "" stands for a whole table."""
 VALUES: dict[tuple[str, str], dict[str, Struck]] = {

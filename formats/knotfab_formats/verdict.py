@@ -96,15 +96,6 @@ class Recognition:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RoundWall:
-    """How far a flat wall would displace the picture, px of a frame of 1024."""
-
-    radius_mm: float
-    off_px: float
-    samples: int
-
-
-@dataclass(frozen=True, kw_only=True)
 class Penumbra:
     """The effect of the lamp's size on the shadow.
 
@@ -232,7 +223,6 @@ class View:
     legibility: dict[str, float]
     depth_ratio: float | None
     recognition: dict[str, Named] | None = None
-    wall: RoundWall | None = None
     lamp_colour: tuple[float, float, float] | None = None
     iou_drawn: float | None = None
     bending: Bending | None = None

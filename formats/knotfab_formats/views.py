@@ -19,7 +19,6 @@ from knotfab_formats.bounds import (
     Side,
     Spread,
     Turn,
-    WallRadius,
     Whole,
     Word,
     option,
@@ -48,7 +47,7 @@ Colour = Annotated[float, Strict(), Field(ge=0, le=1)]
 Switch = Auto | Annotated[bool, Word("on", True)] | Annotated[bool, Word("off", False)]
 # keys that views on one wall share
 OF_WALL = (
-    *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
+    *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg"),
     *("frame_up_mm", "frame_width_mm", "frame_height_mm"),
 )
 
@@ -122,9 +121,6 @@ class View(Reading):
     would sag."""
     wall_tilt_deg: Annotated[float, Strict(), Field(gt=-80, lt=80)] = 0.0
     """How far the wall's top edge leans towards the lamp."""
-    wall_radius_mm: WallRadius | Annotated[None, Word("flat")] = None
-    """Radius of a cylindrical wall: above 0 where it is hollow towards the lamp, below 0 for a
-    column."""
     azimuth_deg: Turn = 0.0
     """Azimuth of the lamp about the vertical axis."""
     elevation_deg: Angle = 0.0
@@ -208,8 +204,6 @@ class Switches(Table):
     """The piece sags on its mount."""
     layers: Switch = None
     """The printer's layers make steps in the outline."""
-    wall: Switch = None
-    """Curvature of a round wall."""
 
 
 class Room(Table):

@@ -81,8 +81,6 @@ def agree(
         return Agreement(scene, targets)
     if scene.share_wall:
         return Agreement(scene, targets)  # masks of one picture must register with one another
-    if any(v.wall_radius_mm is not None for v in scene.views):
-        return Agreement(scene, targets)  # a bent picture lies on a flat wall
     if any(v.bend_points or v.mirrored for v in scene.views):
         return Agreement(scene, _bent(scene, targets))
     framed, drawn = framed_alike(scene, targets), targets

@@ -34,7 +34,7 @@ _CLOSER = 0.66  # those angles over equal ones: narrow pictures gather around a 
 def reach_of(views: Sequence[ResolvedView]) -> float:
     """Return the radius about the origin that is clear of every wall and light, mm."""
     return min(
-        min(0.97 * v.clear_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
+        min(0.97 * v.wall_distance_mm if v.kind == "shadow" else np.inf, 0.5 * v.light_distance_mm)
         for v in views
     )
 

@@ -18,7 +18,6 @@ from knotfab.design.hull import HullBound, contradictions, hull_bounds
 from knotfab.design.lamps import depth_apart
 from knotfab.design.moves import bounds_of, reach_of
 from knotfab.design.room import depth_extent, plate_depth_mm, plate_wall_mm, resolve_region
-from knotfab.design.walls import flatten_targets
 from knotfab.effects.base import World
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
@@ -130,7 +129,6 @@ def ask(
             (progress or Progress("quiet")).say(line)
         scene, targets = framed_alike(agreed.scene, agreed.targets), agreed.targets
     views = _frame_views(scene, targets)
-    targets = flatten_targets(scene, views, targets)
     seen = [
         TargetView(v, t.mask, _trace(v, t), lines=_strokes(v, t), ends=scene.screen_ends)
         for v, t in zip(views, targets, strict=True)

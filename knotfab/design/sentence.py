@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from knotfab.base.arrays import Array
 from knotfab.design.candidates import PICTURE
 from knotfab.design.small import Found
 from knotfab.design.survey import SPILL, Survey, ViewSurvey
-from knotfab.design.walls import to_pixels
 from knotfab.picture.opening import Loss, is_row
+from knotfab.picture.read import Target
+from knotfab_formats.scene import ResolvedView
 
 
 def describe(found: Survey, exact: bool = False) -> list[str]:
@@ -137,7 +139,7 @@ def _name_small(parts: Found, found: Survey) -> tuple[str, str]:
             words.append(with_noun(len(pieces), noun))
             middles = [(piece.centroid.x, piece.centroid.y) for piece in pieces]
             on_wall = seen.view.magnification * np.array(middles)
-            letters = seen.target.letters_at(to_pixels(seen.view, seen.target, on_wall).tolist())
+            letters = seen.target.letters_at(_to_pixels(seen.view, seen.target, on_wall).tolist())
             words[-1] += f" ({letters})" if letters and (spelt or not seen.target.is_text) else ""
         if holes:
             words.append(with_noun(len(holes), "small hole"))
@@ -238,3 +240,11 @@ def list_figures(found: Survey) -> dict[str, Any]:
         "guess": {"mass_g": round(found.guess.mass_g, 1), "hours": found.guess.hours},
         "lines": describe(found),
     }
+
+
+def _to_pixels(view: ResolvedView, target: Target, places: Array) -> Array:
+    """Map places (n, 2) on the wall, mm right of and above its middle, to pixels."""
+    wide, high = view.frame_mm
+    across = places[:, 0] * target.width / wide + (target.width - 1) / 2
+    down = (view.frame_up_mm - places[:, 1]) * target.height / high + (target.height - 1) / 2
+    return np.column_stack([across, down])

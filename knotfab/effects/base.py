@@ -12,23 +12,21 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.base.compiled import compiled
-from knotfab.scene.camera import CurvedWall, camera_of
-from knotfab_formats.piece import Material, Printer
+from knotfab.scene.camera import camera_of
+from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedScene, ResolvedView
-from knotfab_formats.views import Placing, Room, Switch
+from knotfab_formats.views import Placing, Switch
 
 
 @dataclass(frozen=True)
 class World:
-    """The scene's settings about people, room and material.
+    """The scene's settings about people and printer.
 
     `turns`: whether a piece of one knot can turn against its wall, as one mounted on it cannot;
     `loose_turns`: whether a piece of several knots can.
     """
 
     placing: Placing = field(default_factory=Placing)
-    room: Room = field(default_factory=Room)
-    material: Material = field(default_factory=Material)
     printer: Printer = field(default_factory=Printer)
     turns: bool = True
     loose_turns: bool = True
@@ -38,7 +36,7 @@ class World:
         """Return the world of a scene, taking its piece to be one knot."""
         found = scene.mount.turns
         turns, loose = (not scene.hangs(n) if found is None else found for n in (1, 2))
-        return World(scene.placing, scene.room, scene.material, scene.printer, turns, loose)
+        return World(scene.placing, scene.printer, turns, loose)
 
     def holding(self, knots: int) -> World:
         """Return the world for a piece of this many knots."""
@@ -190,15 +188,13 @@ def decide(effect: Effect, context: EffectContext, switches: Mapping[str, Switch
 class OnWall:
     """A view in its wall's axes: rows right, up and normal (3, 3), with the lamp at `lamp`.
 
-    For a round wall, the axes are those of the flat wall that touches it. `middle` (3,): the frame's, in
-    these axes.
+    `middle` (3,): the frame's, in these axes.
     """
 
     axes: Array
     foot: Array  # the origin of the wall's axes, in the scene
     lamp: Array
     middle: Array
-    round: CurvedWall | None
 
     @staticmethod
     @lru_cache(maxsize=8)  # the same views are asked for many times
@@ -209,20 +205,15 @@ class OnWall:
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         foot = -camera.receiver[3] * camera.receiver[:3]
         lamp, middle = axes @ (camera.eye - foot), axes @ (camera.corner - foot)
-        return OnWall(axes, foot, lamp, middle, CurvedWall.from_view(view))
-
-    @property
-    def bend(self) -> float:
-        """The wall's absolute curvature, 1/mm; 0 for a flat wall."""
-        return 0.0 if self.round is None else 1 / abs(self.round.radius)
+        return OnWall(axes, foot, lamp, middle)
 
     def place(self, points: Array) -> Array:
         """Return points (n, 3) of the scene in the wall's axes, (n, 3)."""
         return np.asarray((points - self.foot) @ self.axes.T)
 
-    def cast(self, places: Array, lamp: Array | None = None) -> Array:
-        """Cast points (n, 3), in the wall's axes, onto the flat wall from its lamp or `lamp` (3,), (n, 2)."""
-        return _cast(places, self.lamp if lamp is None else lamp)
+    def cast(self, places: Array) -> Array:
+        """Cast points (n, 3), in the wall's axes, onto the wall, (n, 2)."""
+        return _cast(places, self.lamp)
 
 
 @dataclass(frozen=True)
@@ -248,33 +239,6 @@ class Shadows:
         """The middle of the places (3,), and their largest distance from it, mm."""
         return _span(self.places)
 
-    @property
-    def feet(self) -> Array:
-        """The points of the wall where the shadows fall, (n, 3)."""
-        return self._touched[0]
-
-    @property
-    def axes(self) -> Array:
-        """Rows right, up and normal of the wall there, (n, 3, 3), or (1, 3, 3) for a flat wall."""
-        return self._touched[1]
-
-    @property
-    def unrolled(self) -> Array:
-        """The shadows on the wall unrolled, (n, 2)."""
-        return self._touched[2]
-
-    @cached_property
-    def _touched(self) -> tuple[Array, Array, Array]:
-        """Feet and axes of the shadows, and their places on the wall unrolled.
-
-        Where a ray passes beside a column, the flat wall is used.
-        """
-        wall, flat = self.wall, self.wall.cast(self.places)
-        if wall.round is None:
-            return np.column_stack([flat, np.zeros(len(flat))]), np.eye(3)[None], flat
-        line = wall.middle[:2] - [0.0, wall.round.frame_mm[2]]
-        return _bend(flat, wall.round.unroll(flat - line), line, wall.round.radius)
-
 
 @compiled
 def _cast(places: Array, lamp: Array) -> Array:
@@ -285,27 +249,6 @@ def _cast(places: Array, lamp: Array) -> Array:
         for i in range(2):
             found[n, i] = lamp[i] + share * (places[n, i] - lamp[i])
     return found
-
-
-@compiled
-def _bend(flat: Array, on: Array, line: Array, radius: float) -> tuple[Array, Array, Array]:
-    """Return feet, axes and unrolled places of (n, 2) on a flat wall, or on a round one."""
-    feet, axes = np.zeros((len(flat), 3)), np.zeros((len(flat), 3, 3))
-    unrolled = flat.copy()
-    for n in range(len(flat)):
-        feet[n, :2] = flat[n]
-        axes[n, 0, 0] = axes[n, 1, 1] = axes[n, 2, 2] = 1.0
-        if not np.isfinite(on[n, 0]):
-            continue
-        half = 0.5 * on[n, 0] / radius
-        sine, cosine = 2 * np.sin(half) * np.cos(half), 1 - 2 * np.sin(half) ** 2
-        feet[n, 0] = line[0] + radius * sine
-        feet[n, 1] = unrolled[n, 1] = line[1] + on[n, 1]
-        feet[n, 2] = 2 * radius * np.sin(half) ** 2
-        unrolled[n, 0] = line[0] + on[n, 0]
-        axes[n, 0, 0] = axes[n, 2, 2] = cosine
-        axes[n, 0, 2], axes[n, 2, 0] = sine, -sine
-    return feet, axes, unrolled
 
 
 @compiled

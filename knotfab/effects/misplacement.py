@@ -15,7 +15,6 @@ from knotfab_formats.scene import ResolvedView
 
 # points whose surroundings are looked at: of the largest, and how many at most
 _WORST, _MOST = 0.7, 400
-_LAMP, _TURN, _TILT = range(3)  # kinds of moves
 
 
 def magnitude(context: EffectContext) -> float:
@@ -30,57 +29,50 @@ def magnitude(context: EffectContext) -> float:
 class _Field:
     """Shadows of points and their first-order motion, exact in all directions.
 
-    In the axes (right, up, normal to the lamp) of the plane that touches the wall where a point's shadow
-    falls: a flat wall itself. A point at height h, the lamp at height H, w how far the ray to the point goes
-    along the plane over how far it comes down. The lamp off by e moves the shadow by
+    In the wall's axes (right, up, normal to the lamp). A point at height h, the lamp at height H, w how far
+    the ray to the point goes along the wall over how far it comes down. The lamp off by e moves the shadow by
 
         -h / (H - h + e_n) (e_t + e_n w),
 
     the point off by u by H / (H - h) (u_t + u_n w): similar triangles; the wall itself, by d where the shadow
     falls, by -d_t - d_n w. With a piece that hangs on it, it leans as the lamp turned the other way.
     `moves` (n, 8, 2): by 1 mm of the lamp along each axis, 1 radian of the piece about each axis through its
-    middle, and 1 radian of the wall about lines through the frame's. `high`, `below`, `slopes` (n,): H, H - h
+    middle, and 1 radian of the wall about lines through the frame's. `high`: H; `below`, `slopes` (n,): H - h
     and the length of w.
     """
 
-    shadows: Array  # (n, 2), of the wall unrolled
+    shadows: Array  # (n, 2)
     moves: Array
-    high: Array
+    high: float
     below: Array
     slopes: Array
 
     @staticmethod
     def from_shadows(seen: Shadows, middle: Array, turns: bool) -> _Field:
         """Return the field of shadows; the piece turns about `middle` if `turns`, else hangs on the wall."""
-        wall = seen.wall
-        found = _moves(seen.places, seen.feet, seen.axes, wall.lamp, middle, wall.middle, turns)
-        return _Field(seen.unrolled, *found)
+        wall, shadows = seen.wall, seen.wall.cast(seen.places)
+        moves, *found = _moves(seen.places, shadows, wall.lamp, middle, wall.middle, turns)
+        return _Field(shadows, moves, float(wall.lamp[2]), *found)
 
 
 @compiled
 def _moves(
-    places: Array, feet: Array, axes: Array, lamp: Array, middle: Array, steady: Array, turns: bool
-) -> tuple[Array, Array, Array, Array]:
+    places: Array, shadows: Array, lamp: Array, middle: Array, steady: Array, turns: bool
+) -> tuple[Array, Array, Array]:
     """Compute the numbers of `_Field` at places (n, 3); the wall turns about `steady`."""
     count = len(places)
     moves, slopes = np.empty((count, 8, 2)), np.empty(count)
-    high, below, ray, by = np.empty(count), np.empty(count), np.empty(3), np.empty(3)
+    below, by = np.empty(count), np.empty(3)
     for n in range(count):
-        own = axes[min(n, len(axes) - 1)]
-        high[n] = 0.0
-        for i in range(3):
-            ray[i] = 0.0
-            for j in range(3):
-                ray[i] += own[i, j] * (places[n, j] - lamp[j])
-            high[n] += own[2, i] * (lamp[i] - feet[n, i])
+        ray = places[n] - lamp
         below[n] = -ray[2]
-        share = high[n] / below[n]
+        share = lamp[2] / below[n]
         slopes[n] = np.sqrt(ray[0] * ray[0] + ray[1] * ray[1]) / below[n]
         for k in range(2):
             lean = ray[k] / below[n]
             # how far 1 mm along each axis moves the shadow along the wall
+            by[0], by[1], by[2] = 1.0 - k, float(k), lean
             for j in range(3):
-                by[j] = own[k, j] + own[2, j] * lean
                 moves[n, j, k] = (1 - share) * by[j]
             # a radian about an axis moves what is off it from the next to the one after
             for j in range(3):
@@ -88,14 +80,14 @@ def _moves(
                 off, aside = places[n, one] - middle[one], places[n, two] - middle[two]
                 moves[n, 3 + j, k] = share * (by[two] * off - by[one] * aside)
             if turns:
-                x, y, z = feet[n, 0] - steady[0], feet[n, 1] - steady[1], feet[n, 2] - steady[2]
+                x, y, z = shadows[n, 0] - steady[0], shadows[n, 1] - steady[1], -steady[2]
                 moves[n, 6, k] = by[1] * z - by[2] * y
                 moves[n, 7, k] = by[0] * z - by[2] * x
             else:  # the lamp goes round
                 y, z = lamp[1] - steady[1], lamp[2] - steady[2]
                 moves[n, 6, k] = z * moves[n, 1, k] - y * moves[n, 2, k]
                 moves[n, 7, k] = z * moves[n, 0, k] - (lamp[0] - steady[0]) * moves[n, 2, k]
-    return moves, high, below, slopes
+    return moves, below, slopes
 
 
 @compiled
@@ -193,19 +185,7 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
         there = _Field.from_shadows(seen.of_places(near + step), middle, world.turns)
         squares += _largest(_left(there.moves, there.shadows, likeness, centre) - here) ** 2
     by_lamp, by_turn, *by_tilt = (sizes[:, some] + np.sqrt(squares[:kinds])).max(axis=1).tolist()
-    grows = _largest(field.moves) if wall.round is not None else None
-
-    def bent(kind: int, by: float) -> float:
-        """Return what the wall's curvature adds along it, within `radius`."""
-        if grows is None:
-            return 0.0
-        way = by * grows[kind] * (1 + field.slopes * radius / clear)
-        aside = way + 0.5 * radius * field.high / clear
-        return float((way * aside * field.slopes).max()) * wall.bend
-
-    grown = float(field.high.max()) / clear
-    if wall.round is not None:  # light falls aslant on a round wall
-        grown *= float(np.hypot(1.0, field.slopes).max())
+    grown = field.high / clear
     second = grown * angle**2 * far * (0.5 + far / clear)  # foreshortening, and nearer to the lamp
     tilted = 0.0
     if lean > 0 and world.turns:
@@ -215,16 +195,12 @@ def parting_mm(seen: Shadows, radius: float, world: World) -> Parting:
         if lean * steepest >= 1:
             return Parting(np.inf, np.inf, np.inf)  # the wall may be turned into a ray
         further = steepest**2 / (1 - lean * steepest) + 0.5  # along the rays, and along the wall
-        tilted = lean * by_tilt[0] + lean**2 * reach * further + bent(_TILT, lean)
+        tilted = lean * by_tilt[0] + lean**2 * reach * further
     elif lean > 0:
         around = 0.5 * lean * aside * by_lamp  # the lamp goes round, not straight
         tilted = (lean * by_tilt[0] + around) * (1 + aside / (clear - aside)) ** 2
     nearer = (1 + off / (clear - off)) ** 2
-    return Parting(
-        (off * by_lamp + bent(_LAMP, off)) * nearer,
-        angle * by_turn + second + bent(_TURN, angle),
-        tilted,
-    )
+    return Parting(off * by_lamp * nearer, angle * by_turn + second, tilted)
 
 
 def _worst_of(size: Array) -> Indices:

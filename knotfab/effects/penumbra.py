@@ -53,23 +53,20 @@ def blurs_mm(shadows: Shadows, radius: float) -> Array:
     its image leads from one of these to another, and at both ends the longer part of a ball's ellipse,
     1 + tan(t) tan(a) of its half, is added. Each is largest in the direction of its slope, which is steepest
     where it is large: for all points but the largest few, only the middle's bound is computed. What that
-    leaves out is of second order in radius / (H - h), and added. A round wall is taken for the plane that
-    touches it where a point's shadow falls.
+    leaves out is of second order in radius / (H - h), and added.
     """
-    view, places, feet = shadows.view, shadows.places, shadows.feet
+    view, places = shadows.view, shadows.places
     if view.kind == "eye" or view.light_size_mm == 0 or len(places) == 0:
         return np.zeros(len(places))
     lamps, size = _lamps_of(view)
     balls, pairs = shadows.wall.place(lamps), np.column_stack(np.tril_indices(len(lamps), -1))
     if len(lamps) == 1:
         pairs = np.zeros_like(pairs, shape=(1, 2))  # a lamp of one ball is paired with itself
-    normals = shadows.axes[:, 2]
-    found = _blurs(places, feet, normals, balls, pairs, size)
+    found = _blurs(places, balls, pairs, size)
     most = min(_MOST, len(places))
     few = np.argpartition(found, -most)[-most:]
-    leaning = normals if len(normals) == 1 else normals[few]
-    found[few] = _blurs_about(places[few], feet[few], leaning, balls, pairs, size, radius)
-    below = ((shadows.wall.lamp - places) * normals).sum(axis=1)
+    found[few] = _blurs_about(places[few], balls, pairs, size, radius)
+    below = shadows.wall.lamp[2] - places[:, 2]
     return np.asarray(found * (1.0 + (radius / np.maximum(below, radius)) ** 2))
 
 
@@ -85,17 +82,15 @@ def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
 
 
 @compiled
-def _throw(place: Array, foot: Array, normal: Array, ball: Array, size: float, spot: Array) -> None:
-    """Project a ball through a place onto the plane through `foot`; write the ellipse to `spot` (5,).
+def _throw(place: Array, ball: Array, size: float, spot: Array) -> None:
+    """Project a ball through a place onto the wall, z = 0; write the ellipse to `spot` (5,).
 
     The numbers are the place hit by the ball's central ray, the half longer axis, and the reach
     from that place.
     """
-    height = below = square = 0.0
+    height, below, square = place[2], ball[2] - place[2], 0.0
     for i in range(3):
         way = place[i] - ball[i]
-        height += normal[i] * (place[i] - foot[i])
-        below -= normal[i] * way
         square += way * way
     # no strand reaches into the lamp's own ball
     height, below = max(height, 0.0), max(below, max(0.5005 * size, 1e-9))
@@ -117,15 +112,12 @@ def _longest(one: Array, other: Array, same: bool) -> Any:
 
 
 @compiled
-def _blurs(
-    places: Array, feet: Array, normals: Array, balls: Array, pairs: Indices, size: float
-) -> Array:
-    """Bound (n,) the blur of edges at places (n, 3), on planes through `feet`, by pairs (p, 2) of balls."""
+def _blurs(places: Array, balls: Array, pairs: Indices, size: float) -> Array:
+    """Bound (n,) the blur of edges at places (n, 3) before the wall by pairs (p, 2) of balls."""
     spots, found = np.empty((len(balls), 5)), np.zeros(len(places))
     for n in range(len(places)):
-        normal = normals[min(n, len(normals) - 1)]
         for k in range(len(balls)):
-            _throw(places[n], feet[n], normal, balls[k], size, spots[k])
+            _throw(places[n], balls[k], size, spots[k])
         for p in range(len(pairs)):
             k, m = pairs[p]
             found[n] = max(found[n], _longest(spots[k], spots[m], k == m))
@@ -133,35 +125,26 @@ def _blurs(
 
 
 @compiled
-def _blurs_about(
-    places: Array,
-    feet: Array,
-    normals: Array,
-    balls: Array,
-    pairs: Indices,
-    size: float,
-    radius: float,
-) -> Array:
+def _blurs_about(places: Array, balls: Array, pairs: Indices, size: float, radius: float) -> Array:
     """Bound the blur as `_blurs` does, within `radius` of the places, each pair in its steepest direction."""
     spots, ends, found = np.empty((4, len(balls), 5)), np.empty((2, 5)), np.zeros(len(places))
     near, slope = np.empty(3), np.empty(3)
     for n in range(len(places)):
-        foot, normal = feet[n], normals[min(n, len(normals) - 1)]
         step = _STEP * np.sqrt(((balls[0] - places[n]) ** 2).sum())
         for way in range(4):  # at the place, and a little along each axis
             near[:] = places[n]
             if way > 0:
                 near[way - 1] += step
             for k in range(len(balls)):
-                _throw(near, foot, normal, balls[k], size, spots[way, k])
+                _throw(near, balls[k], size, spots[way, k])
         for p in range(len(pairs)):
             k, m = pairs[p]
             here = _longest(spots[0, k], spots[0, m], k == m)
             for i in range(3):
                 slope[i] = _longest(spots[1 + i, k], spots[1 + i, m], k == m) - here
             near[:] = places[n] + radius * slope / max(np.sqrt((slope**2).sum()), 1e-300)
-            _throw(near, foot, normal, balls[k], size, ends[0])
-            _throw(near, foot, normal, balls[m], size, ends[1])
+            _throw(near, balls[k], size, ends[0])
+            _throw(near, balls[m], size, ends[1])
             found[n] = max(found[n], _longest(ends[0], ends[1], k == m))
     return found
 

@@ -1,4 +1,4 @@
-"""Effects that shift a shadow: sag on the mount, printed layers, and round walls."""
+"""Effects that shift a shadow: sag on the mount, and printed layers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from knotfab.base.compiled import compiled
 from knotfab.effects.base import Effect, EffectContext, Shadows
 from knotfab.effects.penumbra import blurs_mm
 from knotfab.geometry.polylines import Polylines
-from knotfab.scene.camera import CurvedWall, view_axes
+from knotfab.scene.camera import view_axes
 from knotfab_formats.scene import VERIFIED_PX, ResolvedView
 from knotfab_formats.verdict import Sag
 
@@ -39,69 +39,36 @@ def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
 
         H / (H - h - u_n) |u_t + u_n w|,   w = (x - l) / (H - h) along the wall.
 
-    On the tube's surface h is larger by r, and w by at most r / (H - h - r) (1 + |w|). A round wall
-    is replaced by its tangent plane where the point's shadow falls. Where the surface's shadow
-    falls, and where it is shifted to, the wall leans from that plane by their distance along it
-    over its radius.
+    On the tube's surface h is larger by r, and w by at most r / (H - h - r) (1 + |w|).
     """
     moves = moves @ shadows.wall.axes.T
-    return _shifts(
-        shadows.places,
-        shadows.feet,
-        shadows.axes,
-        shadows.wall.lamp,
-        moves,
-        radius,
-        shadows.wall.bend,
-    )
+    return _shifts(shadows.places, shadows.wall.lamp, moves, radius)
 
 
 @compiled
-def _shifts(
-    places: Array, feet: Array, axes: Array, lamp: Array, moves: Array, radius: float, bend: float
-) -> Array:
+def _shifts(places: Array, lamp: Array, moves: Array, radius: float) -> Array:
     """Bound shifts as `shifts_mm` does, for places (n, 3) and moves (m, n or 1, 3) in the wall's axes."""
     found = np.empty((len(moves), len(places)))
-    ray, move = np.empty(3), np.empty(3)
     for n in range(len(places)):
-        own, high = axes[min(n, len(axes) - 1)], 0.0
-        for i in range(3):
-            ray[i] = 0.0
-            high += own[2, i] * (lamp[i] - feet[n, i])
-            for j in range(3):
-                ray[i] += own[i, j] * (places[n, j] - lamp[j])
+        ray = places[n] - lamp
         below = max(-ray[2], 1e-9)
         x, y = ray[0] / below, ray[1] / below
         slope = np.sqrt(x * x + y * y)
         for k in range(len(moves)):
-            by = moves[k, min(n, moves.shape[1] - 1)]
-            for i in range(3):
-                move[i] = own[i, 0] * by[0] + own[i, 1] * by[1] + own[i, 2] * by[2]
+            move = moves[k, min(n, moves.shape[1] - 1)]
             near = max(below - radius - abs(move[2]), 1e-9)
             u, v = move[0] + move[2] * x, move[1] + move[2] * y
             leaning = abs(move[2]) * radius / near * (1 + slope)
-            shift = high / near * (np.sqrt(u * u + v * v) + leaning)
-            aside = shift + high / near * radius * np.sqrt(1 + slope * slope)
-            found[k, n] = shift * (1 + slope * aside * bend) ** 2
+            found[k, n] = lamp[2] / near * (np.sqrt(u * u + v * v) + leaning)
     return found
 
 
 def measure_sag(
-    view: ResolvedView,
-    mask: Mask,
-    points: Array,
-    moves: Array,
-    rings: Polylines,
-    radius: float,
-    wall: CurvedWall | None = None,
+    view: ResolvedView, mask: Mask, points: Array, moves: Array, rings: Polylines, radius: float
 ) -> Sag:
     """Measure the IoU of the knots' shadow with a mask (H, W), as designed and as sagged.
 
     `widest_px` of the result: the furthest that a centre line's shadow is shifted.
-
-    Args:
-        wall: the round wall that the shadow falls on. The mask is then that of the flat wall that touches it,
-            and each of its pixels counts by the area that it stands for on the round one.
     """
     from knotfab.render.image import image_at
 
@@ -109,14 +76,10 @@ def measure_sag(
     shift = shifts_mm(Shadows.from_points(view, points), moves[None], 0.0).max()
     widest = float(shift) / view.pixel_mm
     wanted = image.target > 0.5
-    pixel_mm, columns = image.sheet.pixel_mm, wanted.shape[1]
-    areas = np.ones(columns)
-    if wall is not None:
-        areas = wall.areas((np.arange(columns) - 0.5 * (columns - 1)) * pixel_mm, 0.5 * pixel_mm)
 
     def iou(points: Array) -> float:
         seen = image.seen(points, rings, radius)
-        return float(((seen & wanted) @ areas).sum() / max(((seen | wanted) @ areas).sum(), 1e-12))
+        return float((seen & wanted).sum() / max((seen | wanted).sum(), 1))
 
     return Sag(widest_px=widest, iou=iou(points + moves), iou_designed=iou(points))
 
@@ -185,22 +148,4 @@ LAYERS = Effect(
     layers_magnitude,
     2.0,  # half a pixel, at standard accuracy
     "the steps of its layers show in the outline",
-)
-
-
-# Wall: a column, a lampshade or a round room differs from the flat wall that touches it.
-
-
-def wall_magnitude(context: EffectContext) -> float:
-    """Return how far the picture on the flat wall would lie from that on the round one, px."""
-    walls = [(view, CurvedWall.from_view(view)) for view in context.views]
-    return max((w.off_mm / view.pixel_mm for view, w in walls if w is not None), default=0.0)
-
-
-WALL = Effect(
-    "wall",
-    "px",
-    wall_magnitude,
-    1.0,  # no more than a search leaves anyway
-    "the wall is round, and takes the picture to where a flat one would have it",
 )

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from knotfab.effects.base import Decision, Effect, EffectContext, decide
 from knotfab.effects.misplacement import MISPLACEMENT
 from knotfab.effects.penumbra import PENUMBRA
-from knotfab.effects.shifts import LAYERS, SAG, WALL
+from knotfab.effects.shifts import LAYERS, SAG
 from knotfab_formats.views import Switch
 
-EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, SAG, LAYERS, WALL)
+EFFECTS: tuple[Effect, ...] = (PENUMBRA, MISPLACEMENT, SAG, LAYERS)
 
 
 def survey(context: EffectContext, switches: Mapping[str, Switch]) -> dict[str, Decision]:

@@ -172,10 +172,10 @@ def plan_table(mounted: Mounted) -> Table | None:
     """
     scene = mounted.scene
     first = scene.views[0]
-    upright = first.elevation_deg == 0 and first.wall_tilt_deg == 0 and first.wall_radius_mm is None
+    upright = first.elevation_deg == 0 and first.wall_tilt_deg == 0
     if not (any(view.wall for view in scene.views) and upright and scene.piece.printed):
         return None
-    places = [placement_of(mounted, camera_of(view, 2, 2), view) for view in scene.views]
+    places = [placement_of(mounted, camera_of(view, 2, 2)) for view in scene.views]
     level = places[0].level
     lamps = np.stack([level @ place.lamp for place in places])
     bed = (scene.printer.build_volume_mm[0], scene.printer.build_volume_mm[1])

@@ -18,7 +18,7 @@ from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
 from knotfab.hold.stand import StandMount, StandSettings, plan_stand
 from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
 from knotfab.knots import Knots
-from knotfab.scene.camera import Camera, CurvedWall, camera_of
+from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.require import require_mount
 from knotfab_formats.print_figures import MountFigures, PlateFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
@@ -68,8 +68,7 @@ def mount_piece(
         raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
     if asked.kind == "stand":
         settings = StandSettings(asked.base_thickness_mm, asked.min_tip_deg, least_mm)
-        walls = [wall for view in scene.views if (wall := CurvedWall.from_view(view)) is not None]
-        stand = plan_stand(knots, cameras, targets, clearance_mm, stiffness, settings, walls, ends)
+        stand = plan_stand(knots, cameras, targets, clearance_mm, stiffness, settings, ends)
         count = tuple(int((stand.holds == k).sum()) for k in every)
         scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
         return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, stand)

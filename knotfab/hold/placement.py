@@ -10,8 +10,7 @@ from knotfab.base.arrays import Array
 from knotfab.hold.mount import Mounted
 from knotfab.hold.plinth import Base
 from knotfab.hold.wall import hole_inset_mm
-from knotfab.scene.camera import Camera, CurvedWall
-from knotfab_formats.scene import ResolvedView
+from knotfab.scene.camera import Camera
 
 EDGES = ("front", "right", "back", "left")  # a base's edges, as the first light goes round it
 QUARTER_DEG = 90.0
@@ -72,7 +71,6 @@ class Placement:
     marks: tuple[Mark, ...]
     holes: Array
     base: Footing | None
-    round: CurvedWall | None = None
     outline: Array | None = None
 
     def on_wall(self, points: Array) -> Array:
@@ -86,20 +84,13 @@ class Placement:
         moved = lamp[:2] + (points[:, :2] - lamp[:2]) * reach
         return np.column_stack([moved, points[:, 2] * reach[:, 0]])
 
-    def lay_flat(self, thrown: Array) -> Array:
-        """Map shadows (n, 2) on the flat wall to where they fall on a round one, mm."""
-        if self.round is None:
-            return thrown
-        middle = self.wall[:2] @ (self.middle - self.round.foot)
-        return np.asarray(self.round.unroll(thrown + middle) - middle)
-
     def cast(self, points: Array) -> Array:
         """Cast points (n, 3) on the wall: right and up from its middle, mm, (n, 2)."""
-        return self.lay_flat(self.throw((points - self.middle) @ self.wall.T)[:, :2])
+        return self.throw((points - self.middle) @ self.wall.T)[:, :2]
 
 
-def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = None) -> Placement:
-    """Derive from the scene where a piece's lamp stands; `view` may have a round wall."""
+def placement_of(mounted: Mounted, camera: Camera) -> Placement:
+    """Derive from the scene where a piece's lamp stands."""
     wall, level, middle = camera.wall_axes, camera.level_axes, camera.middle
     width, height = camera.frame_mm
     plate: tuple[float, float] | None = None
@@ -115,11 +106,7 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
         else:
             holes = (np.stack([p.foot for p in mounted.wall.pegs]) - middle) @ wall[:2].T
     base = None if mounted.stand is None else mounted.stand.base
-    bent = None if view is None else CurvedWall.from_view(view)
     places = _mark_places(wall, middle, (width, height), plate, base)
-    if bent is not None and base is None:
-        flat = np.stack(list(places.values())) - bent.foot
-        places = dict(zip(places, bent.stand(flat @ wall[:2].T)[0], strict=True))
     to_lamp = wall @ (camera.eye - middle)
     return Placement(
         camera.eye,
@@ -136,7 +123,6 @@ def placement_of(mounted: Mounted, camera: Camera, view: ResolvedView | None = N
         ),
         holes,
         None if base is None else _bound_base(base, level),
-        bent,
         outline,
     )
 

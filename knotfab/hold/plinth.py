@@ -9,7 +9,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
-from knotfab.scene.camera import Camera, CurvedWall
+from knotfab.scene.camera import Camera
 
 Rectangle = tuple[float, float, float, float]  # left, right, back and front, mm
 
@@ -157,14 +157,12 @@ def base_for(
     cameras: Sequence[Camera],
     thickness_mm: float,
     tip_deg: float,
-    walls: Sequence[CurvedWall] = (),
 ) -> Base:
     """Find the smallest base that holds all feet and does not tip before `tip_deg`.
 
     Args:
         feet: (n, 3) where posts meet the top. root_mm: their radius there.
         weights: everything that stands on the base. thickness_mm: of the base at its back.
-        walls: the round walls of the views.
 
     Raises:
         SceneError: a wall is in the way of a base that large, or it would stand in a picture.
@@ -193,21 +191,12 @@ def base_for(
     found = base[0]
     corners = found.corners
     room = min(float((corners @ c.receiver[:3] + c.receiver[3]).min()) for c in cameras)
-    hollow = [wall.room_mm(corners) for wall in walls if wall.radius > 0]
     size = f"a base that holds the piece is {right - left:.0f} x {front - back:.0f} mm large"
     if room < WALL_GAP_MM or found.tip_deg < tip_deg - 0.01:
         raise SceneError(
             "the stand",
             f"{size}, and comes to within {room:.1f} mm of the wall",
             "Use a larger wall distance, less depth, or another --mount",
-        )
-    if min(hollow, default=np.inf) < WALL_GAP_MM:
-        within = min(hollow)
-        raise SceneError(
-            "the stand",
-            f"{size}, and {'comes to within' if within >= 0 else 'reaches'} {abs(within):.1f} mm "
-            f"{'of' if within >= 0 else 'into'} the hollow wall, which comes forward beside the picture",
-            "Use a larger wall distance, a larger wall_radius_mm, less depth, or another --mount",
         )
     if max(float(_slope_of(c).above(corners).max()) for c in cameras) > 1e-6:
         raise SceneError(

@@ -39,7 +39,7 @@ from knotfab.hold.struts import (
     sites_of,
 )
 from knotfab.knots import Knots
-from knotfab.scene.camera import Camera, CurvedWall
+from knotfab.scene.camera import Camera
 
 VISIBLE_SHARES = (0.6, 0.8)  # radii over the tube's: thin members show less, thick ones hold more
 MOST_COSINE = 0.75  # between a post and its tube
@@ -79,7 +79,6 @@ def plan_stand(
     clearance_mm: float,
     stiffness: Stiffness,
     settings: StandSettings,
-    walls: Sequence[CurvedWall] = (),
     ends: bool = False,
 ) -> StandMount:
     """Choose posts, struts and a base for knots in scene coordinates (gravity: -y).
@@ -92,7 +91,6 @@ def plan_stand(
     Args:
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
             frame.
-        walls: the round walls of the views.
         ends: whether screens end at their frames, beside which no shadow is seen.
 
     Raises:
@@ -136,7 +134,6 @@ def plan_stand(
         cameras,
         settings.base_thickness_mm,
         settings.tip_deg,
-        walls,
     )
     moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
     return StandMount(

@@ -62,8 +62,7 @@ class Target:
     is the file to copy beside scene.toml: the original of a pixel picture, the canonical PNG of SVG and text;
     read in the same way it gives the same mask. `name` is a `plain_name`, `title` the name as given.
 
-    Once `flattened_s` is set, the seconds that it took, the masks are those that a flat wall has in
-    place of a round one; `drawing` is then what is drawn on the round one. `bending` says how `mask`
+    `bending` says how `mask`
     and `widened` were bent or mirrored. `notes` say what was left out or guessed; `ink`, `threshold` and the
     size of specks, `speck_px`, are those used. After a glance `shrunk` px of the picture make one
     of the masks, across.
@@ -81,8 +80,6 @@ class Target:
     crop_px: Box | None = None
     original: NDArray[np.bool_] | None = None
     widened: NDArray[np.bool_] | None = None
-    drawing: NDArray[np.bool_] | None = None
-    flattened_s: float | None = None
     shrunk: int = 1
     bending: Bending | None = None
     draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
@@ -150,8 +147,8 @@ class Target:
         return self.mask if self.original is None else self.original
 
     def drawing_png(self) -> bytes:
-        """Return the drawn silhouette as a black-on-white PNG, as the view's own wall shows it."""
-        return encode_image(Image.fromarray(~(self.mask if self.drawing is None else self.drawing)))
+        """Return the drawn silhouette as a black-on-white PNG."""
+        return encode_image(Image.fromarray(~self.mask))
 
     @property
     def file_name(self) -> str:

@@ -19,12 +19,10 @@ from knotfab.report.drill_template import write_drill_template
 from knotfab.report.effects import (
     advise_nearer_wall,
     advise_widening,
-    count_flattened,
     judge_made,
     list_sags,
     list_views,
     tell_bounds,
-    tell_walls,
     tell_warnings,
 )
 from knotfab.report.for_maker import check_slicing, tell_setup, tell_unsliced, with_slicing
@@ -160,14 +158,8 @@ def _list_notes(
     made, part, targets = piece.made, piece.part, piece.targets
     assert part is not None
     turned, laid = found
-    flat_wall = piece.scene.views[0].wall_radius_mm is None
     return [
-        *tell_mount(
-            len(piece.knots.knots),
-            part.mounted.figures,
-            len(targets) == 1 and flat_wall,
-            len(targets),
-        ),
+        *tell_mount(len(piece.knots.knots), part.mounted.figures, len(targets) == 1, len(targets)),
         *tell_plate(_plate_of(piece), part.mounted.scene),
         *(tell_unsliced(sliced) if request.printing else ()),
         *piece.notes,
@@ -177,7 +169,6 @@ def _list_notes(
         *tell_binding(made),
         *tell_warnings(made.result.effects),
         *advise_nearer_wall(views, made),
-        *tell_walls(views),
         *tell_bounds(made, targets),
         *laid,
     ]
@@ -189,7 +180,6 @@ def _list_views(piece: WrittenPiece, printing: bool, verdict: Verdict) -> list[V
     moves = None if part is None else part.mounted.moves
     up = None if lies is None or not printing else np.array(lies.matrix)[:3, 2]
     judge_made(made, piece.scene, moves, up)
-    count_flattened(made.result.effects, piece.targets)
     sags = list_sags(made, moves, [target.asked for target in piece.targets])
     return list_views(verdict.views, made, piece.targets, sags)
 

@@ -14,14 +14,11 @@ from knotfab.design.budget import require_budget
 from knotfab.design.candidates import PICTURE
 from knotfab.design.frames import (
     direct_views,
-    frame_view,
-    framed_alike,
     size_frames,
     size_longer,
     spread_views,
     widen_targets,
 )
-from knotfab.design.walls import flatten_targets
 from knotfab.picture.colours import is_photo
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
 from knotfab.picture.raster import GLANCE
@@ -40,7 +37,6 @@ from knotfab.scene.require import (
     require_start,
     require_supports,
     require_tube,
-    require_walls,
 )
 from knotfab_formats.errors import InputError, KnotfabError
 from knotfab_formats.scene import ResolvedScene
@@ -246,7 +242,6 @@ def _require(scene: ResolvedScene) -> None:
     require_supports(scene)
     require_tube(scene)
     require_start(scene)
-    require_walls(scene)
 
 
 def _read_pictures(
@@ -276,17 +271,12 @@ def _read_pictures(
 def _size(
     scene: ResolvedScene, targets: tuple[Target, ...], options: BuildOptions
 ) -> tuple[ResolvedScene, tuple[Target, ...]]:
-    """Give the frames their sides, and fit pictures to the tubes and walls that draw them."""
+    """Give the frames their sides, and fit pictures to the tubes that draw them."""
     if options.size is not None:
         scene = size_longer(scene, targets[0], options.size)
     if not options.sequence and (options.size or options.width or options.height):
         scene = size_frames(scene, targets)
-    scene, targets = widen_targets(scene, targets, options.sequence)
-    if any(view.wall_radius_mm is not None for view in scene.views):
-        scene = framed_alike(scene, targets) if len(targets) > 1 else scene
-        framed = [frame_view(v, t) for v, t in zip(scene.views, targets, strict=True)]
-        targets = flatten_targets(scene, framed, targets)
-    return scene, targets
+    return widen_targets(scene, targets, options.sequence)
 
 
 def _tell_knots(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, ...]:

@@ -310,7 +310,6 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
     from knotfab_validators.files.mesh import read_mesh
     from knotfab_validators.files.picture import read_silhouette
     from knotfab_validators.files.scene import read_scene
-    from knotfab_validators.shadows.compare import receive
     from knotfab_validators.shadows.frame import working_frame, write_shadow
     from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
     from knotfab_validators.shadows.view import view_geometry
@@ -337,10 +336,7 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
         )
         vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
-        whole, _ = receive(
-            view_geometry(named[0], width, height), setting.effects, setting.settings.tolerance_px
-        )
-        geometry = whole.resample(frame)
+        geometry = view_geometry(named[0], width, height).resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             seen = renderer.render(geometry)
         write_shadow(out, seen, frame)

@@ -114,28 +114,6 @@ def judge_made(
             made.result.effects[name].keep_largest(fresh)
 
 
-def count_flattened(effects: Mapping[str, Decision], targets: Sequence[Target]) -> None:
-    """Record how long it took to flatten the pictures of round walls."""
-    for target in targets:
-        if target.flattened_s is not None and "wall" in effects:
-            effects["wall"].count("picture", 1, target.flattened_s)
-
-
-def tell_walls(views: Sequence[View]) -> list[str]:
-    """Say which walls are round, one sentence each, where that matters."""
-    said = []
-    for view in views:
-        if found := view.wall:
-            radius = found.radius_mm
-            way = "hollow" if radius > 0 else "bulging"
-            said.append(
-                f"The wall of {view.name} is round, {way}, with a radius of {abs(radius):g} mm, "
-                f"and the picture is as it lies on it: made for a flat one it would be up to "
-                f"{found.off_px:.1f} px off. The 3D view shows the flat wall that touches it."
-            )
-    return said
-
-
 def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
     """Measure how much of the knots' shadow each view keeps when the mount sags; None without a mount.
 
@@ -143,18 +121,14 @@ def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[
         moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
     """
     from knotfab.effects.shifts import SAG, measure_sag
-    from knotfab.scene.camera import CurvedWall
 
     decision, knots = made.result.effects.get(SAG.name), made.knots
     if decision is None or moves is None or len(moves) == 0 or not decision.simulated:
         return [None for _ in made.scene.views]
     sags: list[Sag | None] = []
-    bent = made.result.effects.get("wall")
     for view, mask in zip(made.scene.views, masks, strict=True):
-        wall = CurvedWall.from_view(view) if bent is not None and bent.simulated else None
         with decision.called("report"):
-            shape = knots.rings, knots.radius_mm
-            sags.append(measure_sag(view, mask, knots.points, moves, *shape, wall))
+            sags.append(measure_sag(view, mask, knots.points, moves, knots.rings, knots.radius_mm))
     return sags
 
 

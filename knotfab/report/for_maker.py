@@ -54,7 +54,7 @@ def tell_setup(
     return tuple(
         SetupSteps(
             view=view.name,
-            steps=tuple(steps_of(mounted, placement_of(mounted, camera, view), view)),
+            steps=tuple(steps_of(mounted, placement_of(mounted, camera), view)),
             lamp=tuple(advise_lamp(view, tube_radius_mm)),
         )
         for view, camera in zip(mounted.scene.views, cameras, strict=True)

@@ -73,7 +73,7 @@ WALL, SHADOW = (250, 248, 244), (52, 49, 45)
 _LEAST_MM = 1.0  # the least shift to the side that is told
 # keys that must be the same in all views for one lamp to serve them
 _SHARED = (
-    *("kind", "light_distance_mm", "wall_distance_mm", "wall_tilt_deg", "wall_radius_mm"),
+    *("kind", "light_distance_mm", "wall_distance_mm", "wall_tilt_deg"),
     *("elevation_deg", "light_right_mm", "light_up_mm"),
 )
 

@@ -84,13 +84,13 @@ def draw_sheets(mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera]
     Args:
         mounted: in scene coordinates. scene: with its frames resolved. cameras: of its views.
     """
-    places = [placement_of(mounted, c, view) for c, view in zip(cameras, scene.views, strict=True)]
+    places = [placement_of(mounted, camera) for camera in cameras]
     each = zip(places, scene.views, strict=True)
     pages = [_draw_sheet(mounted, *view, alone=len(cameras) == 1) for view in each]
     plan = None
     if scene.share_wall:
         plan = lamps_sheet(mounted, places, scene.views, frame_or_reason(mounted)[0])
-    elif len(pages) > 1 or any(place.round is not None for place in places):
+    elif len(pages) > 1:
         plan = plan_sheet(mounted, places, scene.views)
     plate = places[0].plate_mm is not None
     marks = draw_marks_page(PAPERS["a4"], plate)
@@ -103,7 +103,7 @@ def write_setup(
 ) -> list[str]:
     """Write setup.pdf and setup.svg, A4, reproducible to the byte; return their names.
 
-    With one view before a flat wall that is one page. With several, or a round wall, the first
+    With one view that is one page. With several, the first
     page, which is the SVG, shows all lamps and walls from above, and one page for each view
     follows. The last page of the PDF has the marks for a photograph.
 
@@ -305,7 +305,7 @@ def _front_view(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
     _front_dimensions(axes, place, to, float(to(ends)[:, 1].min()))
     axes.text(
         FRONT[0] - 6, COSTS_Y + 6.0,
-        f"Front view, {'square to the wall' if place.round is None else 'the wall unrolled'}, {to.name}. "
+        f"Front view, square to the wall, {to.name}. "
         "Dashed: the frame; grey: its shadow.",
         size=7.5, va="top",
     )  # fmt: skip
@@ -389,5 +389,4 @@ def shadow_outlines(mounted: Mounted, place: Placement, within_mm: float = 0.05)
         # a plate's face is the wall
         solid = body.transform(onto_wall).trim_by_plane([0.0, 0.0, 1.0], 0.01)
         flat += solid.warp_batch(place.throw).project()
-    found = [np.asarray(p, dtype=np.float64) for p in flat.simplify(within_mm).to_polygons()]
-    return [place.lay_flat(p) for p in found]
+    return [np.asarray(p, dtype=np.float64) for p in flat.simplify(within_mm).to_polygons()]

@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # the drawing's place on the page
-BENDS = 41  # points along a round wall
 BESIDE_MM = 12.0  # the wall reaches so far beside its frame
 
 
@@ -86,12 +85,7 @@ def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[Vi
 def _wall_from_above(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
     """Return a wall from above, `beside` mm past its frame, at its middle's height, (n, 2)."""
     reach = place.frame_mm[0] / 2 + beside
-    across = np.linspace(-reach, reach, 2 if place.round is None else BENDS)
-    if place.round is None:
-        points = place.middle + across[:, None] * place.wall[0]
-    else:
-        up = np.full(BENDS, float((place.middle - place.round.foot) @ place.round.axes[1]))
-        points = place.round.stand(np.column_stack([across, up]))[0]
+    points = place.middle + np.array([[-reach], [reach]]) * place.wall[0]
     return np.asarray(points @ above[:2].T)
 
 

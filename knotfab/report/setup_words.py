@@ -100,13 +100,6 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
             for i, mark in enumerate(place.marks)
             if not any(abs(mark.lamp_mm - d) < HEAR_MM for d in distances[:i])
         )
-    if place.round is not None:
-        radius = place.round.radius
-        way = "hollow towards the lamp" if radius > 0 else "bulging towards it"
-        steps.append(
-            f"The wall is round, a radius of {length(abs(radius))} mm, {way}: its distances are those of the "
-            "line down the frame's middle, and the frame's width is measured along it."
-        )
     what = "the middle of each edge" if "edge" in place.marks[0].name else "the corners"
     return [*steps, f"Check with a tape from {what}: the {lamp} is {each}."]
 

@@ -16,45 +16,14 @@ def require_mount(scene: ResolvedScene) -> None:
     """Refuse an impossible mount before any work is done.
 
     Raises:
-        InputError: a wall mount of a piece with several views or on a round wall.
+        InputError: a wall mount of a piece with several views.
     """
-    if scene.mount.kind == "wall" and any(v.wall_radius_mm is not None for v in scene.views):
-        raise InputError(
-            "a wall mount (--mount wall)",
-            "plate, pegs and drilling template are for a flat wall, and this one is round",
-            "Use --mount stand, or none",
-        )
     if scene.mount.kind == "wall" and len(scene.views) > 1:
         raise InputError(
             "a wall mount (--mount wall)",
             f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
             "picture of the other",
             "Use --mount stand, whose base lies below all pictures, or hang",
-        )
-
-
-def require_walls(scene: ResolvedScene) -> None:
-    """Refuse settings that a round wall excludes.
-
-    Raises:
-        InputError: a mount on it, an eye before it, or a view that is yet to be found.
-    """
-    if all(view.wall_radius_mm is None for view in scene.views):
-        return
-    require_mount(scene)
-    what = "scene key views.wall_radius_mm"
-    if any(v.kind == "eye" and v.wall_radius_mm is not None for v in scene.views):
-        raise InputError(
-            what,
-            "an eye sees the piece itself, in a flat frame, and no shadow on a wall",
-            "Leave it out of the views of an eye",
-        )
-    if scene.settings.free_view:
-        raise InputError(
-            what,
-            "where a round wall has the picture depends on where lamp and wall are, which a free view is yet "
-            "to find (--free)",
-            "Leave one of the two out",
         )
 
 
@@ -202,12 +171,6 @@ def require_sequence(scene: ResolvedScene) -> None:
             "the scene",
             f"it has {len(scene.views)} views, and a sequence is seen from one side",
             "Leave one [[views]] in it, or leave out --sequence",
-        )
-    if scene.views[0].wall_radius_mm is not None:
-        raise InputError(
-            "scene key views.wall_radius_mm",
-            "frames of a sequence are registered to each other on a flat wall",
-            "Leave it out, or leave out --sequence",
         )
     if scene.material.shrinkage_percent:
         raise InputError(

@@ -16,32 +16,27 @@ from knotfab.effects.penumbra import blurs_mm
 from knotfab.effects.shifts import LAYERS, SAG, allow_sag_mm, measure_sag, shifts_mm
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.report.effects import judge_made, list_effects, list_sags
-from knotfab.scene.camera import CurvedWall
 from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.verdict import Sag
-from knotfab_validators.shadows.tube_field import tube_field
-from knotfab_validators.shadows.view import ViewGeometry, view_geometry
 
 T = 2 * np.pi * np.arange(200) / 200
 RING = 50 * np.column_stack([np.cos(T), np.sin(T), 0.3 * np.sin(2 * T)])
 FLAT = RING * [1, 1, 0]
 
 
-@pytest.mark.parametrize("bent", [False, True])
-def test_it_bounds_the_truth_and_closely(bent: bool) -> None:
+def test_it_bounds_the_truth_and_closely() -> None:
     rng = np.random.default_rng(5)
-    ratios = [np.divide(*shift_bound_and_truth(rng, "sag", bent=bent)) for _ in range(100)]
-    assert min(ratios) >= 1.0 and np.median(ratios) <= (1.05 if bent else 1.02)
+    ratios = [np.divide(*shift_bound_and_truth(rng, "sag")) for _ in range(100)]
+    assert min(ratios) >= 1.0 and np.median(ratios) <= 1.02
 
 
 @pytest.mark.parametrize("lamp_mm", [0.0, 4.0, 30.0])
-@pytest.mark.parametrize("bent", [None, -110.0])
 def test_what_may_sag_shifts_no_shadow_by_more_than_an_eighth_and_a_quarter_of_its_blur(
-    lamp_mm: float, bent: float | None
+    lamp_mm: float,
 ) -> None:
     rng = np.random.default_rng(3)
-    views = (view(light_diameter_mm=lamp_mm, wall_radius_mm=bent), view(azimuth_deg=35.0))
+    views = (view(light_diameter_mm=lamp_mm), view(azimuth_deg=35.0))
     most = allow_sag_mm(views, RING, 2.0)
     ways = rng.normal(size=(400, 3))
     ways *= most / np.linalg.norm(ways, axis=1)[:, None]
@@ -56,8 +51,8 @@ def test_what_may_sag_shifts_no_shadow_by_more_than_an_eighth_and_a_quarter_of_i
         allowed = 4.0 * magnified / 8 + blurs_mm(seen, 2.0) / 4
         assert 0.5 * wide < allowed.min()
         worst = max(worst, float((shift / allowed).max()))
-    # the bound is reached by the worst move, and what bends on a round wall is of second order
-    assert 0.95 < worst <= (1.001 if bent is None else 1.05)
+    # the bound is reached by the worst move
+    assert 0.95 < worst <= 1.001
 
 
 def test_a_thicker_tube_and_a_larger_lamp_may_sag_more() -> None:
@@ -106,29 +101,6 @@ def test_the_piece_is_moved_where_it_shows_and_else_runs_no_code(
         assert list_sags(made, moves, [mask]) == [None]
 
 
-@pytest.mark.parametrize("radius", [350.0, -110.0])
-def test_on_a_round_wall_it_is_the_shadow_there(radius: float) -> None:
-    seen, rings = view(wall_radius_mm=radius), polylines_of_sizes((200,))
-    there = view_geometry(seen, 1024, 1024)
-    # one side sags, where the wall bends most; the picture is the ring as it is designed
-    moves = np.outer(np.clip(FLAT[:, 0] - 25, 0, None), [0.0, -0.2, 0.0])
-
-    def cast(points: np.ndarray, where: ViewGeometry) -> np.ndarray:
-        return tube_field([points], 2.0, where).mask
-
-    def iou(where: ViewGeometry) -> float:
-        was, now = cast(FLAT, where), cast(FLAT + moves, where)
-        return float((was & now).sum() / (was | now).sum())
-
-    flat, wall = cast(FLAT, there.flat), CurvedWall.from_view(seen)
-    on_flat, on_wall = (
-        measure_sag(seen, flat, FLAT, moves, rings, 2.0, w).iou for w in (None, wall)
-    )
-    assert on_wall == pytest.approx(iou(there), abs=0.0015)
-    assert on_flat == pytest.approx(iou(there.flat), abs=0.0015)
-    assert radius > 0 or abs(on_wall - on_flat) > 0.008
-
-
 # Layers: a bound of what half a layer shifts, as the piece lies on the printer's bed.
 
 
@@ -140,10 +112,9 @@ def magnitude(seen: ResolvedView, points: Any, radius: float, up: Any, layer: fl
     return LAYERS.magnitude(EffectContext((seen,), points, radius, 0.25, world, None, up))
 
 
-@pytest.mark.parametrize("bent", [False, True])
-def test_it_bounds_the_shift_and_closely(bent: bool) -> None:
+def test_it_bounds_the_shift_and_closely() -> None:
     rng = np.random.default_rng(6)
-    ratios = [np.divide(*shift_bound_and_truth(rng, "layers", bent=bent)) for _ in range(100)]
+    ratios = [np.divide(*shift_bound_and_truth(rng, "layers")) for _ in range(100)]
     assert min(ratios) >= 1.0 and np.median(ratios) <= 1.1
 
 

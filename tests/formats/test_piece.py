@@ -171,13 +171,11 @@ def test_what_is_no_sensible_number_is_refused_by_its_key(value: str) -> None:
         "piece": ["tube_radius_mm", "depth", "knots"],
         "material": ["density_g_cm3", "min_bend_radius_mm", "max_length_mm", "young_modulus_mpa"],
         "printer": ["nozzle_mm", "layer_height_mm", "min_tube_radius_mm"],
-        "[views]": ["light_distance_mm", "wall_distance_mm", "frame_width_mm", "wall_radius_mm"],
+        "[views]": ["light_distance_mm", "wall_distance_mm", "frame_width_mm"],
         "mount": ["plate_thickness_mm", "max_sag_mm", "base_thickness_mm"],
     }
     for table, keys in tables.items():
         for key in keys:
-            if (key, value) == ("wall_radius_mm", "-1"):
-                continue  # a column's radius
             with pytest.raises(InputError, match=key) as caught:
                 parse_scene(f"[{table}]\n{key} = {value}")
             assert str(caught.value).count("\n") == 0 and len(str(caught.value)) < 400

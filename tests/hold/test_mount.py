@@ -13,10 +13,9 @@ from knotfab.effects.shifts import allow_sag_mm
 from knotfab.geometry.tube import sweep
 from knotfab.hold.mount import mount_piece
 from knotfab.hold.placement import placement_of
-from knotfab.hold.plinth import WALL_GAP_MM, Base, Masses, Slope, base_for, slope_below
+from knotfab.hold.plinth import Masses, Slope, base_for, slope_below
 from knotfab.hold.wall import mark_depth_mm
 from knotfab.report.setup_words import level_wall, steps_of
-from knotfab.scene.camera import CurvedWall
 from knotfab.scene.catalogue import resolve
 from knotfab_fixtures.solids import ARROW_MARKS
 from knotfab_formats.piece import Mount, Printer
@@ -240,28 +239,6 @@ def test_a_base_in_a_picture_is_refused() -> None:
     base(slope_below(cameras, (-60.0, 60.0, -60.0, 60.0)))
     with pytest.raises(SceneError, match="in a picture"):
         base(slope_below(cameras[:1]))
-
-
-def test_a_base_in_a_hollow_wall_is_refused() -> None:
-    """A hollow wall comes forward beside the picture: a base that is wide enough stands in it."""
-    feet = np.array([[-75.0, 0.0, -30.0], [75.0, 0.0, -30.0], [0.0, 0.0, 30.0]])
-    weights = Masses(np.array([5000.0]), np.zeros((1, 3)))
-    cameras = [camera()]
-    slope = slope_below(cameras)
-
-    def base(radius: float) -> Base:
-        wall = CurvedWall.from_view(VIEW.model_copy(update={"wall_radius_mm": radius}))
-        assert wall is not None
-        return base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0, [wall])
-
-    flat = base_for(slope, feet, 2.0, weights, cameras, 4.0, 10.0)
-    x, before = flat.corners[:, 0], flat.corners[:, 2] + VIEW.wall_distance_mm
-    # the circle about (0, R) that passes WALL_GAP_MM beside the outermost corner (x, before)
-    least = ((x**2 + before**2 - WALL_GAP_MM**2) / (2 * (before - WALL_GAP_MM))).max()
-    assert base(1.001 * least) == flat and base(-60.0) == flat
-    with pytest.raises(SceneError, match="hollow wall") as told:
-        base(0.999 * least)
-    assert "wall_radius_mm" in told.value.remedy
 
 
 def test_a_top_before_a_low_light_is_level_and_below_it() -> None:

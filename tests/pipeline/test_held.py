@@ -48,7 +48,6 @@ TARGET: Any = SimpleNamespace(mask=EMPTY, width=EMPTY.shape[1], height=EMPTY.sha
     [
         ({}, {"hang", "stand", "wall"}),
         ({"views": [{}, {"azimuth_deg": 90.0}]}, {"hang", "stand"}),
-        ({"views": [{"wall_radius_mm": 400.0}]}, {"hang", "stand"}),
         ({"views": [{"kind": "eye"}]}, {"hang", "stand"}),
         ({"piece": {"supports": "none"}}, set()),
     ],

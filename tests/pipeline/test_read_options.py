@@ -211,12 +211,14 @@ def test_effects_are_switched_by_name_and_the_last_word_counts(tmp_path: Path) -
     assert scene.effects.penumbra is None
     scene, _ = read_scene(options_from({"effect": "penumbra=on"}))
     assert parse_scene(dump_scene(scene)).effects.penumbra is True
+    read_scene(options_from({"effect": "contrast=auto"}))  # struck, and it asks for nothing
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("perspective=off", "--effect perspective=off: there is no such effect. Known: penumbra"),
+        ("hiding=on", "hiding: knotfab 2 does not have it. Leave it out"),
         ("penumbra", "--effect penumbra: it is neither on, off nor auto"),
         ("penumbra=yes", "Write --effect penumbra=on, penumbra=off or penumbra=auto"),
     ],

@@ -159,22 +159,6 @@ def test_only_dowels_are_drilled_for(kind: Kind, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("radius", [-90.0, 400.0])
-def test_a_round_wall_is_measured_from_its_own_corners(radius: float, tmp_path: Path) -> None:
-    said = " ".join(drawn("none", tmp_path, wall_radius_mm=radius))  # the SVG is the first page
-    assert "From above" in said and "pictures" not in said
-    mounted, scene, camera = setup("none", wall_radius_mm=radius)
-    place = placement_of(mounted, camera, scene.views[0])
-    wide, high = place.frame_mm
-    turn = 0.5 * wide / radius
-    off = place.off_wall_mm - radius * (1 - np.cos(turn))
-    corner = np.linalg.norm([radius * np.sin(turn), 0.5 * high - place.up_mm, off])
-    far = [m.lamp_mm for m in place.marks if m.name.startswith("upper right")]
-    assert far == [pytest.approx(float(corner))]
-    steps = " ".join(steps_of(mounted, place, scene.views[0]))
-    assert (f"a radius of {abs(radius):g} mm" in steps and "hollow" in steps) or radius < 0
-
-
 # Setting up in words: steps with their figures, and what it costs to be off.
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from knotfab.base.arrays import Array
 from knotfab.effects.base import EffectContext, Shadows, World
 from knotfab.effects.misplacement import parting_mm
-from knotfab.effects.shifts import LAYERS, SAG, WALL
+from knotfab.effects.shifts import LAYERS, SAG
 from knotfab.geometry.measures import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Felt, State
@@ -70,62 +70,30 @@ def render_dense(
     return torch.cat(image).reshape(frame.height, frame.width)
 
 
-def wall_and_truth(rng: np.random.Generator) -> tuple[float, float]:
-    """Measure how far a flat wall has the picture off a random round one, px: as claimed, and by halving
-    rays."""
-    view, _, _, _ = random_scene(rng)
-    high = view.light_distance_mm + view.wall_distance_mm
-    radius = rng.uniform(0.6, 5) * high if rng.random() < 0.5 else -rng.uniform(150, 3000)
-    view = view.model_copy(update={"wall_radius_mm": float(radius)})
-    camera = camera_of(view, 61, 61)
-    u, v = np.meshgrid(np.linspace(-0.5, 60.5, 61), np.linspace(-0.5, 60.5, 61))
-    flat = (camera.corner + u[..., None] * camera.du + v[..., None] * camera.dv).reshape(-1, 3)
-    right, up = (axis / np.linalg.norm(axis) for axis in (camera.du, -camera.dv))
-    normal = camera.receiver[:3]
-    middle = camera.corner + 30 * (camera.du + camera.dv)
-    arc, high_up = (flat - middle) @ right, (flat - middle) @ up
-    turn = arc / radius
-    at = middle + np.outer(radius * np.sin(turn), right) + np.outer(high_up, up)
-    at += np.outer(radius * (1 - np.cos(turn)), normal)
-    # halving finds the flat wall's place on the same ray
-    low, top = np.zeros(len(at)), np.full(len(at), 10.0)
-    for _ in range(60):
-        share = 0.5 * (low + top)
-        before = (camera.eye + share[:, None] * (at - camera.eye) - middle) @ normal > 0
-        low, top = np.where(before, share, low), np.where(before, top, share)
-    there = camera.eye + low[:, None] * (at - camera.eye)
-    off = float(np.linalg.norm(there - flat, axis=1).max())
-    magnitude = WALL.magnitude(EffectContext((view,), np.zeros((0, 3)), 1.0, 0.25))
-    return magnitude, off / view.pixel_mm
-
-
 def bounds_and_truths(
-    rng: np.random.Generator, ways: int = 150, *, turns: bool = True, bent: bool = False
+    rng: np.random.Generator, ways: int = 150, *, turns: bool = True
 ) -> tuple[Array, Array]:
     """(3,) bounds and (3,) truths, mm: of lamp, piece and wall, the wall tilted by up to 30 degrees.
 
     `turns`: whether the piece stands free; one that does not hangs on the wall, and leans with it.
-    `bent`: before a wall that is round.
 
     Moved by the whole amount in `ways` directions; all round the tube about random points.
     """
-    view, points, radius, camera = random_scene(rng, bent=bent)
+    view, points, radius, camera = random_scene(rng)
     placing = Placing(
         lamp_mm=rng.uniform(1, 10), turn_deg=rng.uniform(0.2, 3), tilt_deg=rng.uniform(0.2, 3)
     )
     all_round = directions(ways)
     surface = (points[:, None] + radius * directions(15)).reshape(-1, 3)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    was = cast(surface, camera.eye, camera, view)
+    was = cast(surface, camera.eye, camera)
     lamp = max(
-        parted(was, cast(surface, camera.eye + placing.lamp_mm * way, camera, view))
-        for way in all_round
+        parted(was, cast(surface, camera.eye + placing.lamp_mm * way, camera)) for way in all_round
     )
     angle = np.radians(placing.turn_deg)
     turn = max(
         parted(
-            was,
-            cast(middle + (surface - middle) @ turn_about(way, angle).T, camera.eye, camera, view),
+            was, cast(middle + (surface - middle) @ turn_about(way, angle).T, camera.eye, camera)
         )
         for way in all_round
     )
@@ -133,14 +101,14 @@ def bounds_and_truths(
     normal = camera.receiver[:3]
     about = [way - (way @ normal) * normal for way in all_round]
     turned = [turn_about(way / np.linalg.norm(way), lean) for way in about]
-    tilt = max(parted(was, _leaning(surface, camera, view, by, turns)) for by in turned)
+    tilt = max(parted(was, _leaning(surface, camera, by, turns)) for by in turned)
     bounds = parting_mm(
         Shadows.from_points(view, points), radius, World(placing=placing, turns=turns)
     )
     return np.array(bounds), np.array([lamp, turn if turns else 0.0, tilt])
 
 
-def _leaning(surface: Array, camera: Camera, view: ResolvedView, by: Array, turns: bool) -> Array:
+def _leaning(surface: Array, camera: Camera, by: Array, turns: bool) -> Array:
     """(n, 2) shadows on the wall turned about its middle, the piece with it unless it `turns` freely."""
     steady = camera.corner
 
@@ -148,16 +116,11 @@ def _leaning(surface: Array, camera: Camera, view: ResolvedView, by: Array, turn
         return np.asarray(steady + (points - steady) @ by.T)
 
     leaning = Camera(camera.eye, turn(camera.corner), by @ camera.du, by @ camera.dv, 1, 1)
-    return cast(surface if turns else turn(surface), camera.eye, leaning, view)
+    return cast(surface if turns else turn(surface), camera.eye, leaning)
 
 
-def random_scene(
-    rng: np.random.Generator, *, bent: bool = False
-) -> tuple[ResolvedView, Array, float, Camera]:
-    """A view of a wall that is tilted by up to 30 degrees, 60 points before it, and a tube's radius.
-
-    `bent`: of a wall that is round, hollow or bulging, on which light falls at 70 degrees at most.
-    """
+def random_scene(rng: np.random.Generator) -> tuple[ResolvedView, Array, float, Camera]:
+    """A view of a wall that is tilted by up to 30 degrees, 60 points before it, and a tube's radius."""
     while True:
         view = ResolvedView(
             frame_width_mm=180.0,
@@ -171,35 +134,22 @@ def random_scene(
         points = rng.uniform(-1, 1, (60, 3)) * [70, 70, room / 2]
         camera = camera_of(view, 1, 1)
         height = points @ camera.receiver[:3] + camera.receiver[3]
-        if bent:
-            high = view.light_distance_mm + view.wall_distance_mm
-            size = rng.uniform(0.6, 3) * high if rng.random() < 0.5 else -rng.uniform(150, 1500)
-            view = view.model_copy(update={"wall_radius_mm": float(size)})
-            across = cast(points, camera.eye, camera)[:, 0]
-            if np.abs(across).max() > 0.9 * abs(size):
-                continue
-            height -= size - np.sign(size) * np.sqrt(size**2 - across**2)
-            ray = np.arctan2(across, high)
-            if np.degrees(np.abs(ray - np.arcsin(across / size)).max()) > 70:
-                continue
         if height.min() > radius:
             return view, points, radius, camera
 
 
-def shift_bound_and_truth(
-    rng: np.random.Generator, effect: str, *, bent: bool = False
-) -> tuple[float, float]:
+def shift_bound_and_truth(rng: np.random.Generator, effect: str) -> tuple[float, float]:
     """The magnitude of "sag" or "layers" in a random scene, and what moving the surface for real shifts, px.
 
     The mount lets every point sag by about 0.3 mm its own way; the layers are 0.05 to 0.4 mm high and lie
     in any direction.
     """
-    view, points, radius, camera = random_scene(rng, bent=bent)
+    view, points, radius, camera = random_scene(rng)
     surface, px = points[:, None] + radius * directions(60), view.pixel_mm
-    was = cast(surface.reshape(-1, 3), camera.eye, camera, view)
+    was = cast(surface.reshape(-1, 3), camera.eye, camera)
 
     def shift(moves: Array) -> float:
-        now = cast((surface + moves).reshape(-1, 3), camera.eye, camera, view)
+        now = cast((surface + moves).reshape(-1, 3), camera.eye, camera)
         return float(np.linalg.norm(now - was, axis=1).max()) / px
 
     if effect == "sag":
@@ -226,28 +176,14 @@ def turn_about(axis: Array, angle: float) -> Array:
     return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))
 
 
-def cast(points: Array, lamp: Array, camera: Camera, view: ResolvedView | None = None) -> Array:
-    """(n, 2) shadows of points (n, 3) on the wall, mm in its own axes; on a round one of `view` unrolled.
-
-    A round wall touches the flat one along its up through the frame's middle.
-    """
+def cast(points: Array, lamp: Array, camera: Camera) -> Array:
+    """(n, 2) shadows of points (n, 3) on the wall, mm in its own axes."""
     normal, offset = camera.receiver[:3], camera.receiver[3]
     axes = np.stack([camera.du, -camera.dv])
     axes /= np.linalg.norm(axes, axis=1)[:, None]
-    if view is None or view.wall_radius_mm is None:
-        height, reach = points @ normal + offset, lamp @ normal + offset
-        spots = lamp + (points - lamp) * (reach / (reach - height))[:, None]
-        return np.asarray(spots @ axes.T)
-    radius, frame = view.wall_radius_mm, np.stack([*axes, normal])
-    start, way = frame @ (lamp - camera.corner), (points - lamp) @ frame.T
-    # a circle about (0, radius), across and before the wall: the last crossing of a hollow wall, the first
-    # a column
-    from_middle = start[[0, 2]] - [0.0, radius]
-    a, b = (way[:, [0, 2]] ** 2).sum(axis=1), way[:, [0, 2]] @ from_middle
-    root = np.sqrt(b * b - a * (from_middle @ from_middle - radius**2))
-    spots = start + way * ((np.sign(radius) * root - b) / a)[:, None]
-    arc = radius * np.arctan2(spots[:, 0] / radius, 1 - spots[:, 2] / radius)
-    return np.column_stack([arc, spots[:, 1]])
+    height, reach = points @ normal + offset, lamp @ normal + offset
+    spots = lamp + (points - lamp) * (reach / (reach - height))[:, None]
+    return np.asarray(spots @ axes.T)
 
 
 def parted(was: Array, now: Array) -> float:

@@ -111,8 +111,6 @@ def design_under(world: World, points: Array) -> Any:
     scene = SimpleNamespace(
         views=(view(),),
         placing=world.placing,
-        room=world.room,
-        material=world.material,
         printer=world.printer,
         mount=Mount(),
         hangs=lambda knots: False,

@@ -23,7 +23,6 @@ class PlainView:
     light_distance_mm: float = 500.0
     wall_distance_mm: float = 100.0
     wall_tilt_deg: float = 0.0
-    wall_radius_mm: float | None = None
     azimuth_deg: float = 0.0
     elevation_deg: float = 0.0
     frame_up_mm: float = 0.0

@@ -157,15 +157,9 @@ def open_view(
         and picture include the margin around the frame, in px right and down.
 
     Raises:
-        InputError: there is no such view, a file cannot be read, or the wall is round.
+        InputError: there is no such view, or a file cannot be read.
     """
     scene, view, suffix = _read_view(folder, name)
-    if view.wall_radius_mm is not None:
-        raise InputError(
-            f"view {view.name}",
-            "its wall is round, and a photograph is straightened as one of a flat wall",
-            "Compare a view whose wall is flat (--view NAME)",
-        )
     target = read_target(view.picture, view, base=folder)
     longer = max(target.width, target.height)
     width, height = (max(1, round(s * _LONGER_PX / longer)) for s in (target.width, target.height))

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from tables import some
 
 from benchmarks.hard.isotopy import StrokeCase, stroke_cases, trace
-from benchmarks.hard.light import LampCase, WallCase, lamp_cases, wall_cases, wall_shares
+from benchmarks.hard.light import LampCase, lamp_cases
 from benchmarks.hard.measure import forward_error
 from benchmarks.hard.rendering import RenderCase
 from benchmarks.hard.terms import term_cases
@@ -62,11 +62,6 @@ def test_values_and_gradients_are_within_their_condition(name: str) -> None:
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_gradients_at_kinks_are_subgradients(name: str, dtype: torch.dtype) -> None:
     assert slope_excess(CASES[name], dtype) <= 1e-3
-
-
-@pytest.mark.parametrize("case", wall_cases(), ids=lambda c: c.name)
-def test_a_round_wall_is_within_its_condition(case: WallCase) -> None:
-    assert wall_shares(case)[1] <= 1
 
 
 @pytest.mark.parametrize("case", lamp_cases(), ids=lambda c: c.name)

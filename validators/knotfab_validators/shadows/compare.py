@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab_formats.verdict import RoundWall
 from knotfab_validators.arrays import Array, Mask
-from knotfab_validators.shadows.frame import LONGER_SIDE
 from knotfab_validators.shadows.render import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
 if TYPE_CHECKING:
-    from knotfab_formats.views import Switches
+    pass
 
 ANGLES_DEG = (15, 30, 45, 60)
 
@@ -68,7 +66,6 @@ def see_aside(
     if not len(vertices):
         return {str(angle): [] for angle in angles_deg}
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    geometry = geometry.flat  # there is no wall: an eye sees the part directly
     seen: dict[str, list[Mask]] = {}
     for angle in angles_deg:
         own = seen[str(angle)] = []
@@ -127,40 +124,3 @@ def _stretch(mask: Mask, size: int) -> Mask:
     i = rows[0] + (at * (rows[-1] - rows[0] + 1)).astype(int)
     j = columns[0] + (at * (columns[-1] - columns[0] + 1)).astype(int)
     return mask[np.ix_(i, j)]
-
-
-# Measure how much it matters that a wall is round.
-
-
-# a round wall whose picture is nearer than this to a flat wall's counts as flat
-WALL_TOLERANCES = 1.0
-PLACES = 129  # sampled places across and up the frame
-
-
-def find_wall(geometry: ViewGeometry) -> RoundWall | None:
-    """Measure how far a flat wall would displace the picture on the round one; None for a flat wall."""
-    if geometry.cylinder is None:
-        return None
-    ends = (np.linspace(-0.5, n - 0.5, PLACES) for n in (geometry.width, geometry.height))
-    u, v = np.meshgrid(*ends)
-    pixels = np.column_stack([u.ravel(), v.ravel()])
-    off = geometry.flat.project(geometry.on_receiver(pixels))[0] - pixels
-    share = LONGER_SIDE / max(geometry.width, geometry.height)
-    most = share * float(np.linalg.norm(off, axis=1).max())
-    return RoundWall(radius_mm=geometry.cylinder.radius, off_px=most, samples=1)
-
-
-def receive(
-    geometry: ViewGeometry, effects: Switches, tolerance_px: float = 0.25
-) -> tuple[ViewGeometry, RoundWall | None]:
-    """Return the view on the wall that receives the shadows, and what `find_wall` measured.
-
-    A round wall is taken as flat if the scene says so, or if a flat one is off by less than the tolerance.
-    """
-    wall = find_wall(geometry)
-    if wall is None:
-        return geometry, None
-    bends = bool(effects.wall)
-    if effects.wall is None:
-        bends = wall.off_px > WALL_TOLERANCES * tolerance_px
-    return (geometry, wall) if bends else (geometry.flat, None)

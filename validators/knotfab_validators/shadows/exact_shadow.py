@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.check import BadFile
-from knotfab_validators.geometry.curves import number_runs
 from knotfab_validators.shadows.render import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
 NEAREST = 1e-6  # w (see `ViewGeometry.projection`) below which matter is too near to the light
-STRAIGHT_PX = 4.0  # a line this short counts as straight on a curved receiver
 
 
 class ShadowError(BadFile):
@@ -136,9 +134,6 @@ def shadow_lines(
     used[faces] = True
     if (h[used, 2] < NEAREST).any():
         raise ShadowError("the part reaches the light, or lies behind it: its shadow is unbounded")
-    wall = geometry.cylinder
-    if wall is not None and wall.is_beyond(vertices[used], geometry.normal).any():
-        raise ShadowError("the part cuts the hollow wall, or lies behind it")
     # matter on or behind the receiver plane casts no shadow
     cut = cut_before(h, faces, geometry.w_of_receiver)
     if cut is not None:
@@ -165,20 +160,11 @@ def _divide(homogeneous: Array) -> Array:
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
     """Rasterise the shadow at the pixel centres of `geometry`, (height, width)."""
     took_part("numba", "cast the exact shadow")
-    if geometry.cylinder is not None:
-        along = lines.end - lines.start
-        long = np.linalg.norm(along, axis=1) / STRAIGHT_PX
-        which, step = number_runs(np.maximum(np.ceil(long).astype(np.int64), 1))
-        step, count = step[:, None], np.bincount(which)[which, None]
-        start, end = (
-            geometry.bend(lines.start[which] + s / count * along[which]) for s in (step, step + 1)
-        )
-        lines = Linework(start, end, lines.weight[which])
     return wound_mask([lines], geometry.width, geometry.height)
 
 
-def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any:
-    """Return the shadow as a shapely polygon, in pixels of `geometry`, curved or not.
+def shadow_polygon(lines: Linework) -> Any:
+    """Return the shadow as a shapely polygon, in pixels.
 
     The lines are noded and polygonised. Faces of that arrangement with a nonzero winding number at
     an inner point are the shadow.
@@ -186,10 +172,7 @@ def shadow_polygon(lines: Linework, geometry: ViewGeometry | None = None) -> Any
     noded = shapely.unary_union(shapely.linestrings(np.stack([lines.start, lines.end], axis=1)))
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(noded)))
     inner = shapely.get_coordinates(shapely.point_on_surface(cells))
-    flat = shapely.coverage_union_all(cells[winding_at(inner, lines) != 0])
-    if geometry is None or geometry.cylinder is None:
-        return flat
-    return shapely.transform(shapely.segmentize(flat, STRAIGHT_PX), geometry.bend)
+    return shapely.coverage_union_all(cells[winding_at(inner, lines) != 0])
 
 
 # Winding numbers of oriented lines in the plane, at pixel centres and at given points.
@@ -315,7 +298,7 @@ class ShadowCaster(Renderer):
         """
         return shadow_lines(self._vertices, self._faces, geometry, self._table)
 
-    def _render_flat(self, geometry: ViewGeometry, behind: bool) -> Mask:
+    def render(self, geometry: ViewGeometry, *, behind: bool = False) -> Mask:
         h, faces = geometry.lift(self._vertices), self._faces
         limit = np.inf if behind else geometry.w_of_receiver
         seen = (h[:, 2] > NEAREST) & (h[:, 2] < limit)

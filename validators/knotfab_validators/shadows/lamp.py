@@ -41,12 +41,10 @@ def blur_px(vertices: Array, geometry: ViewGeometry, size_mm: float) -> float:
 
     For an edge at height h above the receiver, at distance D from a lamp of height H, the rays
     through it that touch the ball form a cone. It cuts the receiver in an ellipse d h D / ((H - h)²
-    - d²/4) long. On a curved receiver, the plane is the one tangent to it at the edge's shadow.
+    - d²/4) long.
     """
-    at, normal = geometry.touching(geometry.project(vertices)[0])
-    height = ((vertices - at) * normal).sum(axis=1)
-    above = ((geometry.light - at) * normal).sum(axis=1)
-    below = np.maximum(above - height, 0.501 * size_mm + 1e-9)
+    height = (vertices - geometry.origin) @ geometry.normal
+    below = np.maximum(geometry.light_height - height, 0.501 * size_mm + 1e-9)
     away = np.linalg.norm(vertices - geometry.light, axis=1)
     blur = size_mm * height * away / (below**2 - size_mm**2 / 4)
     return max(float(blur.max()), 0.0) / geometry.pixel_mm
@@ -90,8 +88,7 @@ def measure_penumbra(
     hidden = np.zeros(target.shape, dtype=np.int32)
     for right, up in points:
         light = geometry.light + right * geometry.right + up * geometry.up
-        # coarser pixels do on a round wall: they lose as much to either side, which averages out
-        hidden += renderer.render(replace(geometry, light=light), finer=1)
+        hidden += renderer.render(replace(geometry, light=light))
     if within is not None:
         hidden *= within
     soft = (hidden / len(points)).astype(np.float32)
@@ -286,10 +283,9 @@ def share_of_light(lamp: SceneLamp, geometry: ViewGeometry) -> Array:
     """
     v, u = np.mgrid[: geometry.height, : geometry.width]
     pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
-    at, normal = geometry.touching(pixels)
-    ray = geometry.light - at
+    ray = geometry.light - geometry.on_receiver(pixels)
     far = np.linalg.norm(ray, axis=1)
-    light = np.maximum((ray * normal).sum(axis=1), 0.0) / far**3
+    light = np.maximum(ray @ geometry.normal, 0.0) / far**3
     if is_flat(lamp):
         light = light * np.maximum(ray @ geometry.axis, 0.0) / far
     return np.asarray(light)

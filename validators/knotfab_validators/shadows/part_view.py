@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from knotfab_formats.piece import Piece
-from knotfab_formats.verdict import Layers, Misplacement, Recognition, RoundWall
+from knotfab_formats.verdict import Layers, Misplacement, Recognition
 from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import time_stage
@@ -18,7 +18,7 @@ from knotfab_validators.files.colours import Bent, bend_of, bend_silhouette
 from knotfab_validators.files.picture import read_silhouette, widen_strokes
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
-from knotfab_validators.shadows.compare import depth_ratio, overlap, receive
+from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.lamp import SoftShadow, averages_lamp, lamp_size, measure_penumbra
@@ -81,7 +81,6 @@ class SeenView:
 
     view: View
     geometry: ViewGeometry
-    wall: RoundWall | None
     target: Mask
     drawn: Mask | None
     bent: Bent | None
@@ -134,8 +133,7 @@ def see_view(
         target = read_silhouette(folder / view.picture, view)
         if before and scene.share_wall and target.shape != before[0].target.shape:
             raise ValueError(f"{view.picture}: pictures of lamps on one wall have one size")
-        flat = view_geometry(view, target.shape[1], target.shape[0])
-        geometry, wall = receive(flat, scene.effects, scene.settings.tolerance_px)
+        geometry = view_geometry(view, target.shape[1], target.shape[0])
         drawn, bent, bend = None, None, bend_of(view)
         if view.thicken_mm:
             drawn = widen_strokes(target, view.thicken_mm / geometry.pixel_mm)
@@ -158,7 +156,7 @@ def see_view(
             ends=scene.screen_ends,
             bars=scene.piece.supports == "none",
         )
-    seen = SeenView(view, geometry, wall, target, drawn, bent, found)
+    seen = SeenView(view, geometry, target, drawn, bent, found)
     seen = replace(seen, verdict=_recognise(part, seen))
     return replace(seen, soft=_soften(part, seen))
 
@@ -242,7 +240,6 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
         legibility=found.legibility,
         recognition=found.recognition,
         depth_ratio=depth_ratio(part.points, geometry),
-        wall=seen.wall,
         lamp_colour=view.lamp_colour if part.scene.share_wall else None,
         iou_drawn=seen.iou_drawn,
         bending=None if seen.bent is None else seen.bent.figures,

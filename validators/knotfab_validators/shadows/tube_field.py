@@ -77,8 +77,8 @@ class TubeField:
         gap = along[:, None] * unit - point
         distance = np.linalg.norm(gap, axis=1)
         m = gap / np.maximum(distance, 1e-12)[:, None]
-        u, v = g.across(pixels)
-        slope = (along / length) * np.hypot((m * u).sum(axis=1), (m * v).sum(axis=1))
+        u, v = g.du / np.linalg.norm(g.du), g.dv / np.linalg.norm(g.dv)
+        slope = (along / length) * np.hypot(m @ u, m @ v)
         # on the centre line the direction is undefined: take the gentlest slope
         slope = np.where(distance > 1e-9, np.maximum(slope, 1e-9), along / length)
         value: Array = (self.radius - distance) / slope

@@ -116,7 +116,7 @@ def verify_view(
     wide = wanted if drawn is None else padded_mask(drawn, frame)
     caster = caster or ShadowCaster(vertices, faces)
     lines = caster.lines(fine)
-    whole_exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines, fine)
+    whole_exact, polygon = shadow_mask(lines, fine), shadow_polygon(lines)
     rendered = renderer.render(fine) if renderer is not None else None
     stray = None if rendered is None else count_stray(rendered, whole_exact, polygon)
     screen = frame.mask if ends else np.ones_like(whole_exact)

@@ -7,99 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
-from knotfab_validators.arrays import Array, Mask, compiled
-from knotfab_validators.check import BadFile
+from knotfab_validators.arrays import Array, compiled
 from knotfab_validators.geometry.curves import view_axes
 from knotfab_validators.shadows.frame import WorkingFrame
-
-# A cylindrical receiver: where rays meet it, and how it unrolls.
-
-
-MOST_SLANTED = np.cos(
-    np.radians(80.0)
-)  # beyond this angle of incidence, light on a wall is only a glimmer
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A cylinder that touches the flat receiver along a line through `foot` (3,), `along` (3,) unit.
-
-    Its axis lies `radius` mm before that line, towards the light: a positive radius is a hollow wall, a
-    negative one a column. It unrolls onto the flat receiver.
-    """
-
-    foot: Array
-    along: Array
-    radius: float
-
-    def in_part(self, pose: Array) -> Cylinder:
-        """Return the cylinder in a part's coordinates, where `x_scene = pose @ x_part` (4, 4)."""
-        turn = pose[:3, :3]
-        return replace(self, foot=(self.foot - pose[:3, 3]) @ turn, along=self.along @ turn)
-
-    def _parts(self, points: Array, normal: Array) -> tuple[Array, Array, Array]:
-        """Return how far points (n, 3) lie to the right of the line, along it, and before it, (n,) each."""
-        off = points - self.foot
-        return off @ np.cross(self.along, normal), off @ self.along, off @ normal
-
-    def roll(self, flat: Array, normal: Array) -> tuple[Array, Array]:
-        """Roll points (n, 3) of the flat receiver onto the cylinder; also return unit normals (n, 3)."""
-        arc, high, _ = self._parts(flat, normal)
-        right, turn = np.cross(self.along, normal), arc / self.radius
-        sine, cosine = np.sin(turn)[:, None], np.cos(turn)[:, None]
-        middle = self.foot + self.radius * normal + high[:, None] * self.along
-        normals = cosine * normal - sine * right
-        return middle - self.radius * normals, normals
-
-    def unroll(self, light: Array, flat: Array, normal: Array) -> Array:
-        """Return where rays through points (n, 3) of the flat receiver land, unrolled.
-
-        A ray that passes beside a column lands where it is nearest to it: at its edge.
-        """
-        (a,), _, (c,) = self._parts(light[None], normal)
-        x, high, z = self._parts(flat, normal)
-        dx, dz = x - a, z - c
-        # |(a + t dx, c + t dz - R)|² = R² gives a hollow wall's far crossing, and a column's near one
-        square, half = dx * dx + dz * dz, a * dx + (c - self.radius) * dz
-        rest = a * a + (c - self.radius) ** 2 - self.radius**2
-        root = np.sqrt(np.maximum(half * half - square * rest, 0.0))
-        t = (np.sign(self.radius) * root - half) / square
-        right, before = a + t * dx, c + t * dz
-        turn = np.arctan2(right / self.radius, 1 - before / self.radius)
-        along = light @ self.along - self.foot @ self.along
-        up = along + t * (high - along)
-        arc = self.radius * turn
-        place: Array = (
-            self.foot + arc[:, None] * np.cross(self.along, normal) + up[:, None] * self.along
-        )
-        return place
-
-    def is_beyond(self, points: Array, normal: Array) -> Mask:
-        """Return which points (n, 3) before the flat receiver lie in or behind a hollow wall."""
-        right, _, before = self._parts(points, normal)
-        beyond: Mask = np.hypot(right, before - self.radius) > self.radius
-        return beyond & (self.radius > 0) & (before > 0)
-
-    def require(self, light: Array, normal: Array, wide: float) -> None:
-        """Require that the cylinder encloses the light, and is not narrower than a frame of `wide` mm.
-
-        Raises:
-            BadFile: it does not; the message says which.
-        """
-        high = float((light - self.foot) @ normal)
-        if 0 < 2 * self.radius <= high:
-            raise BadFile(
-                f"the scene: the light is outside the hollow wall of radius {self.radius:g} mm"
-            )
-        turn = 0.5 * wide / self.radius
-        normals = np.array([-np.sin(turn), np.cos(turn)])
-        ray = np.array([0.0, high - self.radius]) + self.radius * normals
-        slanted = normals @ ray / np.linalg.norm(ray) < MOST_SLANTED
-        if abs(turn) >= np.pi / 2 or slanted:
-            raise BadFile(
-                f"the scene: a wall of radius {self.radius:g} mm is narrower than its picture of {wide:g} mm"
-            )
-
 
 ON_RECEIVER_MM = 2e-2
 """What is no farther before the receiver plane lies on it: a plate's face, as cleaning a mesh leaves it."""
@@ -123,8 +33,6 @@ class SceneView(Protocol):
     @property
     def wall_tilt_deg(self) -> float: ...
     @property
-    def wall_radius_mm(self) -> float | None: ...
-    @property
     def azimuth_deg(self) -> float: ...
     @property
     def elevation_deg(self) -> float: ...
@@ -143,8 +51,7 @@ class ViewGeometry:
     A pixel (u, v) is the point `origin + u * du + v * dv` of the receiver; `du` points to the right
     and `dv` down as seen from the light, both are one pixel long. `up` and `right` are the unit
     axes of someone at the light who looks along the view's axis (they lie across that axis, also
-    where the wall is tilted). On a `cylinder` a pixel is where that point of the flat receiver comes to lie
-    when it is rolled onto it.
+    where the wall is tilted).
     """
 
     light: Array  # (3,)
@@ -155,12 +62,6 @@ class ViewGeometry:
     up: Array  # (3,) unit
     width: int
     height: int
-    cylinder: Cylinder | None = None
-
-    @property
-    def flat(self) -> ViewGeometry:
-        """The same view on the flat receiver that touches the curved one."""
-        return replace(self, cylinder=None)
 
     @property
     def middle(self) -> Array:
@@ -212,41 +113,18 @@ class ViewGeometry:
         return np.column_stack([inverse, -inverse @ self.light])
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Return pixel coordinates (n, 2) and w (n,) of points (n, 3); 0 < w < 1 before the flat receiver."""
+        """Return pixel coordinates (n, 2) and w (n,) of points (n, 3); 0 < w < 1 before the receiver."""
         h = self.lift(points)
         w = h[:, 2]
-        return self.bend(h[:, :2] / w[:, None]), w
+        return h[:, :2] / w[:, None], w
 
     def lift(self, points: Array) -> Array:
-        """Project points (n, 3) to (u w, v w, w) on the flat receiver; lines stay straight."""
+        """Project points (n, 3) to (u w, v w, w); lines stay straight."""
         return _lift(np.ascontiguousarray(points, dtype=np.float64), self.projection)
-
-    def bend(self, pixels: Array) -> Array:
-        """Return where rays through pixels (n, 2) of the flat receiver meet the curved one."""
-        if self.cylinder is None:
-            return pixels
-        places = self.cylinder.unroll(self.light, self.flat.on_receiver(pixels), self.normal)
-        return np.asarray((places - self.origin) @ np.linalg.pinv(np.stack([self.du, self.dv])))
 
     def on_receiver(self, pixels: Array) -> Array:
         """Return the receiver's points (n, 3), mm, under pixel coordinates (n, 2)."""
-        flat = self.origin + pixels[:, :1] * self.du + pixels[:, 1:] * self.dv
-        if self.cylinder is None:
-            return np.asarray(flat)
-        return self.cylinder.roll(flat, self.normal)[0]
-
-    def touching(self, pixels: Array) -> tuple[Array, Array]:
-        """Return the receiver's points under pixels (n, 2), and unit normals there, (n, 3) or (3,)."""
-        if self.cylinder is None:
-            return self.on_receiver(pixels), self.normal
-        return self.cylinder.roll(self.flat.on_receiver(pixels), self.normal)
-
-    def across(self, pixels: Array) -> tuple[Array, Array]:
-        """Return unit vectors along `du` and `dv` on the receiver, (n, 3) or (3,), at pixels (n, 2)."""
-        u, v = self.du / np.linalg.norm(self.du), self.dv / np.linalg.norm(self.dv)
-        if self.cylinder is None:
-            return u, v
-        return np.cross(self.touching(pixels)[1], v), v
+        return np.asarray(self.origin + pixels[:, :1] * self.du + pixels[:, 1:] * self.dv)
 
     def resample(self, frame: WorkingFrame) -> ViewGeometry:
         """Return this view on the padded working frame's pixels."""
@@ -272,7 +150,6 @@ class ViewGeometry:
             dv=self.dv @ rotation,
             right=self.right @ rotation,
             up=self.up @ rotation,
-            cylinder=self.cylinder and self.cylinder.in_part(pose),
         )
 
 
@@ -295,9 +172,6 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     opposite, `wall_distance_mm` behind the origin; a positive tilt leans its top edge towards the light.
     The frame's middle lies `frame_up_mm` above that centre, on the receiver. Where one side of the frame
     is left open the picture's proportions decide it, where both are, the longer one has `FRAME_MM`.
-
-    Raises:
-        ValueError: the receiver is a cylinder that is narrower than the frame, or does not hold the light.
     """
     wide, high = _frame_size(view, width, height)
     right, up, axis = view_axes(view.azimuth_deg, view.elevation_deg)
@@ -307,10 +181,6 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
     dv = -upwards * high / height
     centre = view.frame_up_mm * upwards - view.wall_distance_mm * axis
     light = view.light_distance_mm * axis + view.light_right_mm * right + view.light_up_mm * up
-    cylinder = None
-    if view.wall_radius_mm is not None:
-        cylinder = Cylinder(-view.wall_distance_mm * axis, upwards, view.wall_radius_mm)
-        cylinder.require(light, np.cross(right, upwards), wide)
     return ViewGeometry(
         light=light,
         origin=centre - (width - 1) / 2 * du - (height - 1) / 2 * dv,
@@ -320,7 +190,6 @@ def view_geometry(view: SceneView, width: int, height: int) -> ViewGeometry:
         up=up,
         width=width,
         height=height,
-        cylinder=cylinder,
     )
 
 
