@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
+import zipfile
 from pathlib import Path
 
 import lib3mf
@@ -331,3 +333,55 @@ def test_open_curves_are_read(tmp_path: Path) -> None:
     curves = read_knots(path)
     assert curves.closed == (False, True) and curves.types == ("open", "unknot")
     assert curves.lengths_mm == (7.0, 12.0)
+
+
+RELATIONS = "http://schemas.openxmlformats.org/package/2006/relationships"
+MODELS = "".join(
+    f'<Relationship Id="r{k}" Target="/3D/{k}.model" Type="{threemf_model.START_PART}"/>'
+    for k in (1, 2)
+)
+CURA = '<metadatagroup><metadata name="cura:{}">{}</metadata></metadatagroup>'
+# what programs put into an archive: entries by name, the object's own words, triangles and a note or refusal
+STRANGE: dict[str, tuple[dict[str, str], str, int, str]] = {
+    "relations to several models": (
+        {"3D/_rels/3dmodel.model.rels": f'<Relationships xmlns="{RELATIONS}">{MODELS}</Relationships>'},
+        "", 12, ""),
+    "Finder's": (
+        {"__MACOSX/_rels/._.rels": "\0\5", "3D/._3dmodel.model": "\0", ".DS_Store": "\0"}, "", 12, ""),
+    "a profile": (
+        {"Metadata/Slic3r_PE.config": "; perimeters = 1\n"}, "", 12, "perimeters to 1: not checked"),
+    "nothing set": ({"Metadata/project_settings.config": "{}", "Metadata/plate_1.png": "x"}, "", 12, ""),
+    **{
+        kind: ({}, CURA.format(kind, "True"), 0, f"nothing of it is printed: left out .* cura:{kind}")
+        for kind in threemf_model.CURA_KINDS
+    },
+    "no modifier": ({}, CURA.format("cutting_mesh", "False"), 12, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", STRANGE)
+def test_what_programs_put_beside_a_model(case: str) -> None:
+    entries, words, triangles, said = STRANGE[case]
+    text = model(f'<object id="1" type="model">{words}{MESH}</object>', '<item objectid="1"/>')
+    notes: list[str] = []
+    if not triangles:
+        with pytest.raises(BadFile, match=said):
+            corners_3mf(as_3mf(text, **entries), "a.3mf", notes)
+        return
+    assert len(corners_3mf(as_3mf(text, **entries), "a.3mf", notes)) == triangles
+    assert (said in notes[0]) if said else notes == []
+
+
+def test_an_archive_of_a_folder_or_of_gcode_is_told() -> None:
+    with zipfile.ZipFile(io.BytesIO(as_3mf(model(f'<object id="1">{MESH}</object>', "")))) as file:
+        entries = {name: file.read(name) for name in file.namelist()}
+    for prefix, more, said in (
+        ("ring/", {}, "its files lie in the folder ring/ of the archive"),
+        ("", {"Metadata/plate_1.gcode": b"G28"}, r"it holds only G-code \(plate_1.gcode\)"),
+    ):
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w") as file:
+            for name, content in (entries | more).items():
+                file.writestr(prefix + name, content)
+        with pytest.raises(BadFile, match=said):
+            corners_3mf(packed.getvalue(), "a.3mf")

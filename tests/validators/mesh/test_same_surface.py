@@ -252,6 +252,68 @@ def _start_elsewhere(entries: Entries) -> None:
     entries["_rels/.rels"] = RELATIONS.replace("3dmodel.model", "other.model").encode()
 
 
+PE, OBJECTS = "Metadata/Slic3r_PE.config", "Metadata/Slic3r_PE_model.config"
+OBJECT = (
+    '<config><object id="1"><metadata type="object" key="name" value="x"/>{}<volume firstid="0" lastid="{}">'
+    '<metadata type="volume" key="name" value="x"/></volume></object></config>'
+)
+LAYERS = '<metadata type="object" key="layer_height" value="0.35"/>'
+# an entry or an attribute that slicers obey, and what is said of it
+STEERED: dict[str, tuple[str, str, str]] = {
+    "half of the faces": (OBJECTS, OBJECT.format("", 99), "has Metadata/Slic3r_PE_model.config"),
+    "an object's layers": (OBJECTS, OBJECT.format(LAYERS, 999), "sets layer_height to 0.35"),
+    "a profile": (PE, "\n; layer_height = 0.35\n; perimeters = 0\n", "layer_height to 0.35, perimeters to 0"),
+    "G-code in mid-print": ("Metadata/Prusa_Slicer_custom_gcode_per_print_z.xml", "<c/>", "per_print_z.xml"),
+    "ranges of layers": ("Metadata/Prusa_Slicer_layer_config_ranges.xml", "<o/>", "config_ranges.xml"),
+    "Bambu's project": ("Metadata/project_settings.config", "{}", "project_settings.config"),
+    "Cura's project": ("Cura/preferences.cfg", "[general]\nlayer_height = 0.3", "layer_height to 0.3"),
+    "anything else": ("notes.txt", "", "has notes.txt"),
+    "a painted triangle": (START, "<triangle |<triangle paint_supports='4' ", "(paint_supports)"),
+    "a slicer's own key": (
+        START,
+        "<resources|<metadata name='slic3rpe:Version3mf'>1</metadata><resources",
+        "the setting slic3rpe:Version3mf",
+    ),
+    "Cura's key": (
+        START,
+        "<mesh>|<metadatagroup><metadata name='cura:infill_pattern'>x</metadata></metadatagroup><mesh>",
+        "the setting cura:infill_pattern",
+    ),
+}  # fmt: skip
+
+
+def _steer(entries: Entries, where: str, what: str) -> None:
+    old, _, new = what.partition("|")
+    entries[where] = entries[where].replace(old.encode(), new.encode(), 1) if new else what.encode()
+
+
+@pytest.mark.parametrize("case", STEERED)
+@pytest.mark.parametrize("by_mm", [None, (60.0, 70.0, 0.0)])
+def test_no_setting_steers_the_slicer(
+    tmp_path: Path, case: str, by_mm: tuple[float, float, float] | None
+) -> None:
+    where, what, said = STEERED[case]
+    part = write(RING, tmp_path).part
+    assert part is not None and RING.body is not None
+    body = Body(RING.body.vertices + (by_mm or (0.0, 0.0, 0.0)), RING.body.faces)
+    forged = forge_3mf(encode(body, "3mf"), lambda entries: _steer(entries, where, what))
+    (tmp_path / "part.3mf").write_bytes(forged)
+    found = check_same_3mf(read_mesh(part), part)
+    assert (found.status, found.required) == ("fail", True) and said in found.detail
+    assert ("moved by (60.00, 70.00, 0.00) mm" in found.detail) == (by_mm is not None)
+
+
+def test_a_part_that_a_slicer_moved_is_told_by_how_much(tmp_path: Path) -> None:
+    part = write(RING, tmp_path).part
+    assert part is not None and RING.body is not None
+    moved = Body(RING.body.vertices + [60.0, 70.0, 0.0], RING.body.faces)
+    (tmp_path / "part.3mf").write_bytes(encode(moved, "3mf"))
+    found = check_same_3mf(read_mesh(part), part)
+    assert found.status == "fail" and "moved by (60.00, 70.00, 0.00) mm" in found.detail
+    (tmp_path / "part.3mf").write_bytes(encode(moved.scale(1.02), "3mf"))
+    assert "moved" not in check_same_3mf(read_mesh(part), part).detail
+
+
 RING = make_part(circle(20.0, 24), sides=8)
 
 

@@ -90,6 +90,10 @@ def _corners(content: bytes, path: Path, notes: list[str], strict: bool) -> Corn
     kind = path.suffix.lower().removeprefix(".")
     if is_stl(content) or kind == "stl":  # the STL reader says best what is wrong with an STL
         return corners_stl(content, name, notes)
+    if content.startswith(b"glTF") or kind in ("glb", "gltf"):
+        raise BadFile(
+            f"{name}: it is glTF, a picture of a part to look at: name part.stl beside it"
+        )
     if kind in ("3mf", "ply"):
         raise BadFile(f"{name}: is not a {kind.upper()} file, or is damaged")
     raise BadFile(f"{name}: it is not an STL or 3MF file, nor an OBJ or PLY that can be read")

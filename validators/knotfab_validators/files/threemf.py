@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import unicodedata
 import zipfile
 import zlib
@@ -39,6 +40,14 @@ SETTINGS = (  # settings of PrusaSlicer (SuperSlicer), and of Bambu Studio and O
     "metadata/superslicer_model.config",
     "metadata/model_settings.config",
 )
+OWN = {"[content_types].xml", "_rels/.rels", "3d/3dmodel.model", "metadata/thumbnail.png"}
+HARMLESS = (".model", ".rels", ".png", ".jpg", ".jpeg")  # entries of strangers that steer no slicer
+GCODE = (".gcode", ".bgcode")
+SET = re.compile(r'key="(\w+)" value="([^"]*)"|^[; ]*(\w+) = ([^\r\n]*)', re.MULTILINE)
+NAMES = re.compile(
+    r"name|version|matrix|source_\w+|extruder|volume_type|modifier|mesh_\w+|thumbnail\w*"
+)
+MOST_SAID = 3  # settings of an entry that are named
 PRINTED = {"modelpart", "normal_part"}
 NEGATIVE = {"negativevolume", "negative_part"}
 
@@ -55,8 +64,8 @@ def corners_3mf(
     Support objects, items that are not printable and the modifiers of a slicer's project are left out;
     `notes` gets a sentence that says so.
 
-    `strict` refuses what slicers read in different ways: all that is left out, G-code beside the model, and
-    XML that some of them take for more or for less than the standard does.
+    `strict` refuses what a build does not write and slicers obey, or read in different ways: entries other
+    than its own, all that is left out, and XML that some take for more or for less than the standard does.
 
     Nothing is unpacked to disk, and the triangles that items and components place are counted before any
     is made. The faces of what a transform mirrors, which the standard forbids, are turned back.
@@ -70,7 +79,9 @@ def corners_3mf(
             package = _Package(archive, len(content), name)
             found = package.corners()
             if strict and (doubts := package.tell_doubts()):
-                raise BadFile(f"{name}: {doubts}, and slicers differ about that: export it anew")
+                raise BadFile(f"{name}: {doubts}, and no build writes that: build it anew")
+            if notes is not None and (settings := package.tell_settings(foreign=True)):
+                notes.append(f"{name}: {'; '.join(settings)}: not checked, and slicers obey it")
             if package.left_out and notes is not None:
                 notes.append(f"{name}: {package.tell_left_out()}")
             if package.mirrored and notes is not None:
@@ -107,7 +118,12 @@ class _Package:
 
     def __init__(self, archive: zipfile.ZipFile, packed: int, name: str) -> None:
         self.archive, self.packed, self.name = archive, packed, name
-        self.entries = {_plain(entry.filename): entry for entry in archive.filelist}
+        self.entries = {
+            key: entry
+            for entry in archive.filelist
+            if not (key := _plain(entry.filename)).startswith("__macosx/")
+            and not key.rpartition("/")[2].startswith(("._", ".ds_store"))
+        }
         self.models: dict[str, Model] = {}
         self.unpacked = 0
         self.cost: dict[tuple[str, int], tuple[int, int]] = {}
@@ -117,13 +133,27 @@ class _Package:
         self._require_plausible(sum(entry.file_size for entry in archive.filelist))
 
     def corners(self) -> Corners:
-        start = _part(read_relations(self._blocks("_rels/.rels"), self.name), "")
-        if not start:
-            raise BadFile(f"{self.name}: is not a 3MF file: it names no model to start from")
+        inside = next(
+            (e.removesuffix("_rels/.rels") for e in self.entries if e.endswith("/_rels/.rels")), ""
+        )
+        if inside and "_rels/.rels" not in self.entries:
+            raise BadFile(
+                f"{self.name}: its files lie in the folder {short(inside)} of the archive: zip what is in it"
+            )
+        models = read_relations(self._blocks("_rels/.rels"), self.name)
+        if len(models) != 1:
+            count = f"{len(models)} models" if models else "no model"
+            raise BadFile(f"{self.name}: is not a 3MF file: it names {count} to start from")
+        start = _part(models[0], "")
         for entry in self.entries:
             if entry.endswith(".rels") and entry != "_rels/.rels":
                 read_relations(self._blocks(entry), self.name)
         model = self._model(start)
+        gcode = [short(e.rpartition("/")[2]) for e in self.entries if e.endswith(GCODE)]
+        if gcode and not model.items:
+            raise BadFile(
+                f"{self.name}: it holds only G-code ({gcode[0]}): save the slicer's project instead"
+            )
         for entry in SETTINGS:
             if entry in self.entries:
                 self.steering = _read_steering(self._blocks(entry), self.name)
@@ -164,10 +194,25 @@ class _Package:
         """Say what some slicers would print in another way; "" if all print the same."""
         found = [self.tell_left_out()] if self.left_out else []
         found += [f"has {what}" for model in self.models.values() for what in model.doubts]
-        found += [
-            f"has G-code, {short(e)}" for e in self.entries if e.endswith((".gcode", ".bgcode"))
-        ]
-        return "; ".join(found)
+        return "; ".join([*found, *self.tell_settings()])
+
+    def tell_settings(self, foreign: bool = False) -> list[str]:
+        """Say which entries a build does not write, and their first settings; `foreign`: those with any."""
+        found = []
+        for key, entry in self.entries.items():
+            if key in OWN or key.endswith("/") or (foreign and key.endswith(HARMLESS)):
+                continue
+            name, text = (
+                short(entry.filename),
+                next(self._blocks(key), b"").decode("utf-8", "replace"),
+            )
+            said = [(a or c, b or d) for a, b, c, d in SET.findall(text)]
+            sets = [f"{short(k)} to {short(v)}" for k, v in said if not NAMES.fullmatch(k)]
+            if sets:
+                found.append(f"{name} sets {', '.join(sets[:MOST_SAID])}")
+            elif not foreign:
+                found.append(f"has {name}")
+        return found
 
     def tell_left_out(self) -> str:
         """Say which objects of the file are not printed."""
@@ -242,6 +287,9 @@ class _Package:
         shape = self._shape(part, item.number)
         if shape.kind in ("support", "solidsupport"):
             self.left_out.append("a support object")
+            return
+        if shape.steers:
+            self.left_out.append(f"a body that is a {shape.steers}")
             return
         if len(shape.corners):
             moved = shape.vertices @ matrix[:3, :3] + matrix[3, :3]

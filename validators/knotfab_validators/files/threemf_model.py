@@ -60,6 +60,7 @@ BUILD, ITEM = f"{CORE} build", f"{CORE} item"
 GROUP, OWN_METADATA = f"{CORE} metadatagroup", f"{CORE} metadata"
 # local names that PrusaSlicer reads in any namespace; those of vertices are also the slice extension's
 READ_ANYHOW = {"model", "object", "mesh", "triangles", "triangle", "component", "build", "item"}
+OF_TRIANGLE = {"v1", "v2", "v3", "pid", "p1", "p2", "p3"}
 CURA_KINDS = ("infill_mesh", "cutting_mesh", "anti_overhang_mesh", "support_mesh")
 INSIDE = {  # the parents in which each element has a meaning
     RESOURCES: MODEL,
@@ -101,6 +102,7 @@ class Shape:
     corners: array[int] = field(default_factory=lambda: array("q"))
     components: list[Placed] = field(default_factory=list)
     kind: str = "model"
+    steers: str = ""  # Cura's name of what it is, if that only steers the slicer
 
     @property
     def vertices(self) -> Array:
@@ -145,7 +147,7 @@ def read_model(blocks: Iterable[bytes], name: str) -> Model:
     )
     if reader.rows:
         reader = _Reader(name, {})
-        parse_xml(_slice(text), name, reader.start, reader.end, reader.declare)
+        parse_xml(_slice(text), name, reader.start, reader.end, reader.declare, reader.watch)
     if not reader.found:
         raise BadFile(f"{name}: its model part is no 3MF model")
     for number, shape in reader.model.shapes.items():
@@ -176,11 +178,11 @@ def _slice(text: bytes) -> Iterator[bytes]:
     return (text[k : k + BLOCK] for k in range(0, len(text), BLOCK))
 
 
-def read_relations(blocks: Iterable[bytes], name: str) -> str:
-    """Read which part of the package is the model from the XML of `_rels/.rels`; "" if it names none.
+def read_relations(blocks: Iterable[bytes], name: str) -> list[str]:
+    """Read which parts of the package are models, from the XML of `_rels/.rels` or another part's.
 
     Raises:
-        BadFile: it leads out of the package, or names several.
+        BadFile: it leads out of the package.
     """
     found: list[str] = []
 
@@ -196,9 +198,7 @@ def read_relations(blocks: Iterable[bytes], name: str) -> str:
             found.append(given.get("Target", ""))
 
     parse_xml(blocks, name, start, lambda tag: None, lambda prefix, uri: None)
-    if len(found) > 1:
-        raise BadFile(f"{name}: is not a 3MF file: it names {len(found)} models to start from")
-    return found[0] if found else ""
+    return found
 
 
 def parse_xml(
@@ -251,10 +251,16 @@ class _Reader:
         self.spaces: dict[str, str] = {}
         self.shape, self.placed = Shape(), 0
         self.told: set[str] = set()
+        self.cura, self.said = "", ""  # metadata of an object that is open, and its text
 
     def watch(self, parser: Any) -> None:
         """Keep the parser, which knows its position in the text."""
         self.parser = parser
+        parser.CharacterDataHandler = self.read
+
+    def read(self, text: str) -> None:
+        if self.cura and len(self.said) < 10:
+            self.said += text.strip()
 
     def declare(self, prefix: str, uri: str) -> None:
         self.spaces[prefix] = uri
@@ -267,6 +273,10 @@ class _Reader:
 
     def end(self, tag: str) -> None:
         self.way.pop()
+        if self.cura and tag == OWN_METADATA:
+            if self.said.lower() == "true":
+                self.shape.steers = self.cura
+            self.cura = ""
 
     def start(self, tag: str, given: dict[str, str]) -> None:
         way = self.way
@@ -278,6 +288,8 @@ class _Reader:
                 raise self._wrong("triangle", "indices", given) from error
             if not (digits := a + b + c).isascii() or "_" in digits:
                 raise self._wrong("triangle", "indices", given)
+            if painted := given.keys() - OF_TRIANGLE:
+                self._doubt(f"painted triangles ({short(min(painted).rpartition(' ')[2])})")
         elif tag == VERTEX and way[-1] == VERTICES:
             try:
                 a, b, c = given["x"], given["y"], given["z"]
@@ -292,8 +304,9 @@ class _Reader:
             self._doubt("elements among its vertices or triangles that are none")
         elif tag == OWN_METADATA and way[-1] == GROUP:
             name = given.get("name", "").lower()
+            self._doubt(f"the setting {short(name)} of an object")
             if name.endswith(CURA_KINDS):
-                self._doubt(f"{short(name)}, by which Cura prints an object in another way")
+                self.cura, self.said = short(name), ""
         elif tag.rpartition(" ")[2] in READ_ANYHOW and (
             tag.rpartition(" ")[0] != CORE or tag != MODEL
         ):
@@ -344,6 +357,8 @@ class _Reader:
             if (key := given.get("name", "")) in self.told:
                 raise BadFile(f"{self.name}: has the metadata {short(key)} twice")
             self.told.add(key)
+            if ":" in key:
+                self._doubt(f"the setting {short(key)}")
         elif tag == ITEM:
             self.model.items.append(self._read_placement(given, "a build item"))
 

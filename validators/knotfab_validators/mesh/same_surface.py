@@ -68,7 +68,8 @@ def check_same_3mf(mesh: Mesh, part: Path) -> Check:
         try:
             other = read_mesh(path, strict=own)
         except BadFile as error:
-            return Check(NAME, "fail", own, "not read", LIMIT_MM, "mm", str(error))
+            moved = _tell_move(mesh, path) if own else ""
+            return Check(NAME, "fail", own, "not read", LIMIT_MM, "mm", f"{error}{moved}")
         found = compare_surfaces(mesh, other)
         if found.faces:
             said = f"{found.faces} faces differ"
@@ -79,7 +80,7 @@ def check_same_3mf(mesh: Mesh, part: Path) -> Check:
             detail = (
                 f"{path.name} is not the part's surface: a vertex of one of the two is so far from "
             )
-            detail += f"all of the other's, at {spot(found.at[0])}"
+            detail += f"all of the other's, at {spot(found.at[0])}{_tell_move(mesh, path)}"
             return at_most(NAME, found.away_mm, LIMIT_MM, "mm", detail, required=own, at=found.at)
         if found.away_mm >= worst:
             worst, name = found.away_mm, path.name
@@ -88,6 +89,19 @@ def check_same_3mf(mesh: Mesh, part: Path) -> Check:
     return at_most(
         NAME, worst, LIMIT_MM, "mm", f"{detail}farthest vertex is in {name}", required=own
     )
+
+
+def _tell_move(mesh: Mesh, path: Path) -> str:
+    """Say by how much the file's surface is moved, as slicers save it; empty if it is another."""
+    try:
+        other = read_mesh(path)
+    except BadFile:
+        return ""
+    shift = other.vertices.min(axis=0) - mesh.vertices.min(axis=0)
+    back = compare_surfaces(mesh, Mesh(other.vertices - shift, other.faces))
+    if back.faces or not np.abs(shift).max() > LIMIT_MM or back.away_mm > 2 * LIMIT_MM:
+        return ""
+    return f"; it is the same surface, moved by {spot(shift)}: a slicer saved it; build it anew"
 
 
 def _match(mesh: Mesh, other: Mesh) -> SurfaceDifference:
