@@ -179,6 +179,8 @@ class _Job:
             command=shlex.join(["prusa-slicer", *command]),
             profile=read_profile(self.folder),
             seconds=time.monotonic() - self.began,
+            retractions=gcode.retractions,
+            starts_per_layer=gcode.starts_per_layer,
         )
 
     def _call(

@@ -178,6 +178,8 @@ class Sliced:
     command: str
     profile: dict[str, str] = field(hash=False)
     seconds: float  # seconds of slicing
+    retractions: int = 0
+    starts_per_layer: float = 0.0  # lines that begin after a travel
 
     @property
     def support_share(self) -> float:
@@ -234,6 +236,7 @@ def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
         support_m=sum(one.support_m for one in each),
         layers=sum(one.layers for one in each),
         objects=sum(one.objects for one in each),
+        retractions=sum(one.retractions for one in each),
         seconds=sum(one.seconds for one in each),
         command=re.sub(r"-\d+\.(3mf|gcode)\b", r"-N.\1", first.command),
         warnings=tuple(

@@ -48,7 +48,7 @@ ALLOWED = {
         [
             *("api.py:_file_of", "apps/tradeoff/bench.py:run_all.beside"),
             "part/slicer.py:slice_part",
-            *("part/slicer_process.py:run_limited", "picture/frames.py:_of_animation"),
+            "part/slicer_process.py:run_limited",
             *("pipeline/strangers.py:_read_obj", "pipeline/strangers.py:answer"),
         ],
         "inside a temporary folder of its own",

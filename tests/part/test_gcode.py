@@ -79,7 +79,7 @@ def test_lines_of_the_part_supports_and_the_rest(tmp_path: Path) -> None:
         [[10, 20, 0.2, 14, 23, 0.2], [14, 23, 0.2, 14, 30, 0.2], [2, 3, 0.4, 5, 3, 0.4]]
     )
     assert np.array_equal(np.hstack([found.start, found.end]), part)
-    assert found.layers == 2
+    assert (found.layers, found.retractions, found.starts_per_layer) == (2, 1, 1.5)
     assert found.support_share == pytest.approx(2 / (0.5 + 1.5 + 2 + 3 + 2))
     # the extent is that of everything laid, the skirt too, but of no travel
     assert np.array_equal(found.low, [-7, 0, 0.2]) and np.array_equal(found.high, [100, 30, 0.4])
@@ -92,8 +92,8 @@ def test_lines_of_the_part_supports_and_the_rest(tmp_path: Path) -> None:
         ("G28\nG1 X1 Y1 E1\n", "which program"),
         (gcode_text(tail=""), "cut off"),
         (gcode_text().replace("(normal mode)", ""), "no printing time"),
-        (gcode_text().replace("[cm3]", "[oz]"), "no filament in cm3"),
-        (gcode_text().replace("100.50", "1.0.5"), "no filament in mm"),
+        (gcode_text().replace("[cm3]", "[oz]"), "does not give its filament"),
+        (gcode_text().replace("100.50", "1.0.5"), "does not give its filament"),
         (gcode_text().replace("E.5", ""), "prints nothing"),
         (gcode_text().replace("G1 X", "G2 X"), "prints nothing"),
         (gcode_text().replace("TYPE:Perimeter", "TYPE:Support material"), "prints nothing"),

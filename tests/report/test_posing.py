@@ -116,7 +116,7 @@ def test_several_frames_are_summed_and_named() -> None:
     assert (both.time_s, both.filament_m, both.layers, both.objects) == (150.0, 2.0, 200, 2)
     assert both.problems == ["part-02.3mf: over the edge"]
     assert [w.text.split(":")[0] for w in both.warnings] == ["part-01.3mf", "part-02.3mf"]
-    assert both.command == "prusa-slicer --output part-NN.gcode part-NN.3mf"
+    assert both.command == "prusa-slicer --output part-N.gcode part-N.3mf"
 
 
 def test_one_file_is_not_renamed_and_one_that_fails_decides() -> None:

@@ -57,6 +57,8 @@ def print_boxes(*meshes: Mesh, width: float = 0.5, layer: float = 0.25) -> Gcode
         filament_g=1.0,
         support_share=0.0,
         layers=len(np.unique(start[:, 2])),
+        retractions=0,
+        starts_per_layer=1.0,
         start=start,
         end=end,
         low=np.minimum(start, end).min(axis=0),
