@@ -15,7 +15,7 @@ COPY knotfab knotfab
 COPY formats formats
 COPY validators validators
 COPY fixtures fixtures
-RUN pip install --no-cache-dir -c constraints.txt '.[dask,studio]'
+RUN pip install --no-cache-dir -c constraints.txt '.[studio]'
 
 # what is compiled is kept where any user may write
 ENV NUMBA_CACHE_DIR=/tmp/numba

@@ -63,7 +63,6 @@ def test_the_wheel_says_what_it_is(wheel: zipfile.ZipFile) -> None:
     assert "knotfab = knotfab.cli.app:main" in wheel.read(f"{told}/entry_points.txt").decode()
     meta = message_from_string(wheel.read(f"{told}/METADATA").decode())
     assert set(meta.get_all("Provides-Extra", [])) == {
-        "dask",
         "docs",
         "studio",
         "pathtracer",
@@ -104,14 +103,6 @@ def test_every_pin_can_be_installed_by_the_oldest_python_that_the_project_takes(
 def test_a_missing_extra_is_named_with_its_remedy(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    picture = tmp_path / "a.png"
-    picture.write_bytes(b"")
-    done = knotfab("batch", picture, "--out", tmp_path / "out", "--cluster", "tcp://127.0.0.1:1")
-    assert done.code == 3 and done.out == "" and done.err.count("\n") == 1
-    assert "--cluster tcp://127.0.0.1:1: it needs distributed, which is not" in done.err
-    assert "pip install 'knotfab[dask]'" in done.err
-    assert not (tmp_path / "out").exists()
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     for module in [name for name in sys.modules if name.startswith("knotfab.apps.studio")]:
         monkeypatch.delitem(sys.modules, module)

@@ -34,7 +34,6 @@ LIBRARIES = (  # distribution, import name
 )
 EXTRAS = (  # the extra, its use, import names
     ("studio", "the studio", ("starlette", "uvicorn", "websockets")),
-    ("dask", "batches on a cluster", ("distributed",)),
 )
 GLYPH_FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
 RENDER_REMEDY = "apt-get install libegl1 libgl1"

@@ -68,7 +68,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(folder)
         patch.setattr("knotfab.pipeline.build.run_build", refuse)
         patch.setattr("knotfab.pipeline.prepare._survey", refuse)
-        patch.setattr("knotfab.apps.batch.run._open_builder", refuse)
+        patch.setattr("knotfab.apps.batch.run._open_client", refuse)
         patch.setattr("knotfab.apps.tradeoff.run.tradeoff", refuse)
         patch.setattr("knotfab.apps.studio.run.serve", refuse)
         patch.setattr("knotfab.pipeline.verifier.load_early", lambda *_: contextlib.nullcontext())

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from reports import VERDICT, check_of, report_with
 
-from knotfab.apps.batch.worker import open_builders, run_apart
+from knotfab.apps.batch.worker import run_apart
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.pool import Workers
 from knotfab.cli.summary import draw_shadow, print_checks, print_summary
@@ -182,7 +182,7 @@ def test_what_leaves_the_frame_is_no_error() -> None:
 
 @pytest.fixture(scope="module")
 def builder() -> Iterator[Workers]:
-    with open_builders(1, share=1) as workers:
+    with Workers("knotfab.apps.builder") as workers:
         yield workers
 
 

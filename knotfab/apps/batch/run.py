@@ -1,32 +1,33 @@
-"""Build many pictures in parallel, skipping what is built and unchanged, and write a page of them all."""
+"""Build many pictures on a Dask cluster, this machine's own or another, and write a page of them all."""
 
 from __future__ import annotations
 
 import json
+import os
 import time
+import uuid
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, as_completed
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import partial
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from statistics import median
 from typing import Any
 from urllib.parse import quote
 
+from pydantic import BaseModel, ConfigDict, ValidationError
+
 from knotfab.apps.batch.worker import (
-    INDEX,
-    RECORDS,
     Record,
     Task,
-    build_apart,
+    build_on_worker,
+    end_idle,
+    list_missing,
     list_tasks,
-    open_builders,
+    record_of,
 )
-from knotfab.base.disk import at_home, locked, write_whole
-from knotfab.base.errors import why_of
+from knotfab.base.disk import at_home, locked, temporary_folder, write_whole
+from knotfab.base.errors import MachineError, why_of
 from knotfab.base.moves import REJECTED, mend
-from knotfab.base.pool import Workers, count_jobs
+from knotfab.base.pool import JOB_GB, count_jobs
 from knotfab.base.progress import Progress
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.report.page import make_environment
@@ -34,7 +35,28 @@ from knotfab.report.summary import tell_share
 from knotfab_formats.errors import InputError, spelled
 
 POOR = ("coarse", "not recognisable")  # words of a verdict that no green "passed" may hide
-_Builder = Callable[[Sequence[Task], Path], Iterator[tuple[Task, Record]]]
+RECORDS, INDEX = "batch.json", "index.html"  # files beside the folders of the pictures
+_HERE = "127.0.0.1:0"  # where a cluster of this machine's own tells how it is: no other can ask
+_MEMORY = "MEMORY"  # with --resources MEMORY=8e9 a worker gets as many builds as fit into that
+_PATIENCE_S = 10  # for a scheduler to answer
+
+
+class _Record(BaseModel):
+    """What an earlier batch's record must hold to be read."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+    name: str
+    picture: str
+    exit_code: int
+    seconds: float
+    iou: float | None
+    verdict: str | None
+    alike: float | None
+    warnings: list[str]
+    reported: bool
+    error: str
+    key: str
 
 
 def batch(
@@ -50,7 +72,7 @@ def batch(
 
     Args:
         pictures: files, folders of files, or `text:…`.
-        jobs: how many builds run in parallel; by default as many as cores and memory allow.
+        jobs: how many builds run in parallel on this machine; by default as many as cores and memory allow.
         cluster: address of a Dask scheduler whose workers build instead of this machine.
         spare: raises if a folder holds the build of another picture (`prepare.require_same_picture`).
 
@@ -60,35 +82,35 @@ def batch(
     Raises:
         InputError: options or names are wrong, no scheduler answers, or `options.out` cannot be written or
             holds builds of other pictures.
-        MachineError: Dask is not installed.
     """
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs {jobs}", "it is not a positive number", "Give 1 or more")
     left_out: list[str] = []
     tasks, folder = list_tasks(pictures, options, left_out.append), at_home(options.out or ALL_OUT)
-    kept = _keep_records(folder, tasks)
-    missing = [task for task in tasks if task.name not in kept]
+    records = _keep_records(folder, tasks)
+    missing = [task for task in tasks if task.name not in records]
     if not options.force:
-        _keep_other_builds(folder, missing, lambda place, name: spare(place, name, options))
-    records = dict(kept)
-    side_by_side = min(jobs or count_jobs(), len(missing))
-    tally = _Tally(len(missing), side_by_side if cluster is None else None)
-    with (
-        Progress(options.mode) as progress,
-        _open_builder(cluster, side_by_side, progress) as build,
-    ):
+        _spare_other_builds(folder, missing, lambda place, name: spare(place, name, options))
+    with Progress(options.mode) as progress, ExitStack() as opened:
+        jobs = min(jobs or count_jobs(), len(missing))
+        client: Any = opened.enter_context(_open_client(cluster, jobs)) if missing else None
+        if cluster is not None and missing:
+            _require_shared(client, missing, folder)
         for sentence in left_out:
             progress.say(sentence)
-        if kept:
-            progress.say(f"{len(kept)} pictures are built already")
+        if records:
+            progress.say(f"{len(records)} pictures are built already")
         # a folder that cannot be written is reported before any work
-        written = _write(folder, tasks, records)
+        written, seconds = _write(folder, tasks, records), list[float]()
         try:
             with progress.stage("pictures"):
-                for task, record in build(missing, folder):
+                for task, record in _build_all(client, missing, folder, progress, cluster is None):
                     records[task.name] = record
-                    progress.say(tally.tell(record))
-                    progress.update(tally.done / len(missing))
+                    seconds.append(record["seconds"])
+                    left = -(-(len(missing) - len(seconds)) // sum(client.nthreads().values()))
+                    told = f"{len(seconds)}/{len(missing)} {_tell(record)}"
+                    progress.say(told + _tell_left(median(seconds) * left))
+                    progress.update(len(seconds) / len(missing))
                     if time.monotonic() > written + 2.0:  # s
                         written = _write(folder, tasks, records)
         except KeyboardInterrupt:
@@ -100,55 +122,108 @@ def batch(
 
 
 @contextmanager
-def _open_builder(cluster: str | None, jobs: int, progress: Progress) -> Iterator[_Builder]:
-    if cluster is None and jobs == 0:  # all is built
-        yield lambda tasks, folder: iter(())
-        return
-    if cluster is None:
-        with open_builders(jobs) as builders:
-            yield partial(_build_here, builders, progress)
-        return
-    from knotfab.apps.batch.cluster import open_cluster
+def _open_client(address: str | None, jobs: int) -> Iterator[Any]:
+    """Connect to a scheduler; without an address to one in this process, where no other machine reaches it.
 
-    with open_cluster(cluster, progress) as build:
-        yield build
+    Raises:
+        InputError: no scheduler answers there.
+    """
+    from distributed import Client, LocalCluster
+
+    with ExitStack() as stack:
+        if address is None:
+            cluster = LocalCluster(
+                processes=False, n_workers=1, threads_per_worker=jobs, memory_limit=0, silence_logs=50,
+                dashboard_address=_HERE, worker_dashboard_address=_HERE,
+                local_directory=str(stack.enter_context(temporary_folder("knotfab-batch-"))),
+            )  # fmt: skip
+            address = stack.enter_context(cluster)
+        try:
+            client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"--cluster {address}",
+                "no Dask scheduler answers there",
+                "Start one (dask scheduler), and give its address, as in tcp://10.0.0.5:8786",
+            ) from error
+        with client:
+            try:
+                yield client
+            finally:
+                client.run(end_idle)
 
 
-def _build_here(
-    builders: Workers, progress: Progress, tasks: Sequence[Task], folder: Path
+def _build_all(
+    client: Any, tasks: Sequence[Task], folder: Path, progress: Progress, here: bool
 ) -> Iterator[tuple[Task, Record]]:
+    """Build tasks on the client's workers, and yield each with its record as it ends.
 
-    def build(task: Task) -> Record:
-        with progress.line(task.name):
-            return build_apart(task, folder / task.name, builders)
+    Args:
+        here: whether the workers are this process's own, which share this machine and its files.
+    """
+    if not tasks:
+        return
+    from distributed import as_completed
 
-    futures: dict[Future[Record], Task] = {builders.submit(build, task): task for task in tasks}
-    for future in as_completed(futures):
-        yield futures[future], future.result()
+    workers = client.scheduler_info(n_workers=-1)["workers"].values()
+    share = max(1, count_jobs() // sum(w["nthreads"] for w in workers)) if here else 1
+    tagged = bool(workers) and all(_MEMORY in w["resources"] for w in workers)
+    # retried if the worker is lost
+    named: dict[str, Any] = {"pure": False, "retries": 3}
+    named |= {"resources": {_MEMORY: JOB_GB * 1e9}} if tagged else {}
+    lines: dict[str, ExitStack] = {}
+
+    def begun(event: tuple[Any, str]) -> None:
+        lines.setdefault(event[1], ExitStack()).enter_context(progress.line(event[1]))
+
+    topic = f"knotfab-{uuid.uuid4().hex}"
+    client.subscribe_topic(topic, begun)
+    place = folder.absolute()
+    futures = {
+        client.submit(build_on_worker, task, place / task.name, share, topic, **named): task
+        for task in tasks
+    }
+    try:
+        for future in as_completed(list(futures), loop=client.loop):
+            task = futures[future]
+            try:
+                record = future.result()
+            except Exception as error:  # the other tasks go on in any case
+                said = f"its worker was lost ({type(error).__name__}: {error})"
+                record = record_of(task, MachineError.exit_code, 0.0, said)
+            lines.pop(task.name, ExitStack()).close()
+            yield task, record
+            del futures[future]
+    finally:
+        client.cancel(list(futures))
+
+
+def _require_shared(client: Any, tasks: Sequence[Task], folder: Path) -> None:
+    """Refuse a cluster of which a worker does not see the folder or the pictures.
+
+    Raises:
+        InputError: one does not.
+    """
+    place = folder.absolute()
+    there = next(str(path) for path in (place, *place.parents) if path.exists())
+    paths = [there, *(task.source for task in tasks if os.path.exists(task.source))]
+    for worker, missing in client.run(list_missing, paths).items():
+        if missing:
+            raise InputError(
+                f"--cluster: the worker {worker}",
+                f"{missing[0]} is not there",
+                "Mount the folders of pictures and pieces on each worker, by the same paths.",
+            )
 
 
 def _read_records(folder: Path) -> dict[str, Record]:
     """Read the valid records of batch.json, by name."""
-    try:
-        found = json.loads((folder / RECORDS).read_text("utf-8"))
-        return {r["name"]: r for r in found if _is_record(r)}
-    except (OSError, ValueError, TypeError, RecursionError):
-        return {}
-
-
-def _is_record(found: Any) -> bool:
-    kinds = {
-        "name": str,
-        "picture": str,
-        "exit_code": int,
-        "seconds": float | int,
-        "error": str,
-        "key": str,
-    }
-    kinds |= {"iou": float | int | None, "verdict": str | None}
-    return isinstance(found, dict) and all(
-        key in found and isinstance(found[key], kind) for key, kind in kinds.items()
-    )
+    found: dict[str, Record] = {}
+    with suppress(OSError, ValueError, TypeError, RecursionError):
+        for one in json.loads((folder / RECORDS).read_text("utf-8")):
+            with suppress(ValidationError):
+                found[one["name"]] = _Record.model_validate(one).model_dump()
+    return found
 
 
 def _is_there(folder: Path, record: Record) -> bool:
@@ -160,8 +235,7 @@ def _is_there(folder: Path, record: Record) -> bool:
 
 def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
     """Return the records of an earlier batch whose key is unchanged and whose result is still there."""
-    earlier = _read_records(folder)
-    kept = {}
+    earlier, kept = _read_records(folder), {}
     for task in tasks:
         record = earlier.get(task.name)
         # only these exit codes would come out the same again
@@ -173,7 +247,7 @@ def _keep_records(folder: Path, tasks: Sequence[Task]) -> dict[str, Record]:
     return kept
 
 
-def _keep_other_builds(
+def _spare_other_builds(
     folder: Path, tasks: Sequence[Task], spare: Callable[[Path, str], None]
 ) -> None:
     """Refuse to replace builds of other pictures, whether from a batch or a single build.
@@ -189,8 +263,7 @@ def _keep_other_builds(
         )
     earlier = _read_records(folder)
     for task in tasks:
-        record = earlier.get(task.name)
-        if record is None or record["picture"] != spelled(task.picture):
+        if task.name not in earlier or earlier[task.name]["picture"] != spelled(task.picture):
             spare(folder / task.name, task.picture)
 
 
@@ -207,11 +280,10 @@ def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> f
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with locked(folder):
-            others = [
-                r for n, r in _read_records(folder).items() if n not in own and _is_there(folder, r)
-            ]
-            write_whole(folder / RECORDS, (json.dumps(done + others, indent=1) + "\n").encode())
-            write_whole(folder / INDEX, spelled(render_index(done + others, folder)).encode())
+            earlier = _read_records(folder).items()
+            done += [r for n, r in earlier if n not in own and _is_there(folder, r)]
+            write_whole(folder / RECORDS, (json.dumps(done, indent=1) + "\n").encode())
+            write_whole(folder / INDEX, spelled(render_index(done, folder)).encode())
     except OSError as error:
         raise InputError(
             f"--out {folder}", f"it cannot be written ({why_of(error)})", "Choose another place."
@@ -219,75 +291,45 @@ def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> f
     return time.monotonic()
 
 
-@dataclass
-class _Tally:
-    """Counts finished builds of `missing`, of which `jobs` run in parallel (None: on a cluster)."""
+def _tell(record: Record) -> str:
+    text = f"{record['name']} {_alike(record)}{record['seconds']:.0f} s"
+    text += f", {record['verdict']}" if record["verdict"] in POOR else ""
+    text += "".join(f"; warning: {one}" for one in record["warnings"])
+    return text + (f": {record['error']}" if record["exit_code"] else "")
 
-    missing: int
-    jobs: int | None
-    seconds: list[float] = field(default_factory=list)
-    begun: float = field(default_factory=time.perf_counter)
 
-    @property
-    def done(self) -> int:
-        return len(self.seconds)
+def _tell_left(seconds: float) -> str:
+    if not seconds:
+        return ""
+    return f" ({seconds / 60:.0f} min left)" if seconds >= 90 else f" ({seconds:.0f} s left)"
 
-    def tell(self, record: Record) -> str:
-        """Count one more build, and describe how it ended and how long the others will take."""
-        self.seconds.append(record["seconds"])
-        left = self.missing - self.done
-        if self.jobs is not None and self.done < self.jobs:  # too early to measure the throughput
-            rest = median(self.seconds) * -(-left // self.jobs)
-        else:
-            rest = (time.perf_counter() - self.begun) / self.done * left
-        share = _alike(record)
-        alike = f" {share}," if share else ""
-        text = f"{self.done}/{self.missing} {record['name']}{alike} {record['seconds']:.0f} s"
-        if record.get("verdict") in POOR:
-            text += f", {record['verdict']}"
-        text += "".join(f"; warning: {one}" for one in record.get("warnings", ()))
-        if record["exit_code"] != 0:
-            text += f": {record['error']}"
-        if not left:
-            return text
-        return text + (f" ({rest / 60:.0f} min left)" if rest >= 90 else f" ({rest:.0f} s left)")
+
+def _alike(record: Record) -> str:
+    return "" if record["alike"] is None else f"{tell_share(record['alike'])} alike, "
 
 
 def render_index(records: Sequence[Record], folder: Path) -> str:
     """Render index.html of the records, with links relative to `folder`."""
-    cards = [_card(record, folder) for record in records]
-    passed = sum(record["exit_code"] == 0 for record in records)
     template = make_environment(Path(__file__).parent).get_template("index.html.j2")
-    page: str = template.render(cards=cards, passed=passed)
+    passed = sum(record["exit_code"] == 0 for record in records)
+    page: str = template.render(cards=[_card(r, folder) for r in records], passed=passed)
     return page
 
 
-def _alike(record: Record) -> str:
-    """Say how alike a record's shadow and picture are, as its report does; "" if it has none."""
-    share = record.get("alike", record["iou"])
-    return "" if share is None else f"{tell_share(share)} alike"
-
-
 def _card(record: Record, folder: Path) -> dict[str, Any]:
-    place = folder / record["name"]
-    if record["exit_code"] == 1:
-        place = place / REJECTED
-    built = record["exit_code"] in (0, 1) and record.get("reported", True)
-    shown = sorted(place.glob("compare-*.png"))[:3] if built else []
-    word, warnings = record["verdict"], record.get("warnings", ())
-    passed, poor = record["exit_code"] == 0, word in POOR
+    place = folder / record["name"] / (REJECTED if record["exit_code"] == 1 else "")
+    built = record["exit_code"] in (0, 1) and record["reported"]
+    word, passed, poor = record["verdict"], record["exit_code"] == 0, record["verdict"] in POOR
     ended = "passed" if passed else "failed"
     if word:
         ended += f", but {word}" if passed and poor else f", {word}"
-    report = place / "report.html"
+    files = sorted(place.glob("compare-*.png"))[:3] if built else []
+    shown = [quote(path.relative_to(folder).as_posix()) for path in (*files, place / "report.html")]
     return {
         **record,
-        "warnings": warnings,
         "alike": _alike(record),
-        "colour": "fail" if not passed else "warn" if poor or warnings else "pass",
+        "colour": "fail" if not passed else "warn" if poor or record["warnings"] else "pass",
         "ended": ended,
-        "pictures": [quote(path.relative_to(folder).as_posix()) for path in shown],
-        "report": quote(report.relative_to(folder).as_posix())
-        if built and report.is_file()
-        else None,
+        "pictures": shown[:-1],
+        "report": shown[-1] if built and (place / "report.html").is_file() else None,
     }

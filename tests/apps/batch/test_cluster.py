@@ -12,19 +12,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import distributed
 import psutil
 import pytest
 from command import knotfab
 from played_runs import count, draw, write_player
 
-from knotfab.apps.batch import cluster as worker_side
+from knotfab.apps.batch import run
 from knotfab.apps.batch.run import batch
-from knotfab.apps.batch.worker import pack_task
-from knotfab.base.pool import Workers
 from knotfab.pipeline.options import BuildOptions
-
-distributed = pytest.importorskip("distributed")
-
+from knotfab_formats.errors import InputError
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
@@ -44,7 +41,7 @@ def play_cluster(tmp_path: Path, **more: Any) -> Iterator[tuple[Any, Path]]:
 def test_an_address_where_nobody_listens_is_refused(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("knotfab.apps.batch.cluster._PATIENCE_S", 0.5)
+    monkeypatch.setattr("knotfab.apps.batch.run._PATIENCE_S", 0.5)
     pictures = draw(tmp_path / "pictures", a="pass")
     cluster = ("--cluster", "tcp://127.0.0.1:1")
     done = knotfab("batch", pictures, "--out", tmp_path / "out", *cluster)
@@ -53,24 +50,22 @@ def test_an_address_where_nobody_listens_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_worker_keeps_its_builders_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It ends them once it has built nothing for some time, or a build ended otherwise than by itself."""
-    monkeypatch.setattr(
-        worker_side, "open_builders", lambda *_, share: Workers("played", early=False)
-    )
-    monkeypatch.setattr(worker_side, "_idle", [])
-    with worker_side._keep_builders() as first, worker_side._keep_builders() as beside:
-        assert first is not beside
-    with pytest.raises(RuntimeError), worker_side._keep_builders() as again:
-        assert again in (first, beside)
-        raise RuntimeError
-    ((other, leaving),) = worker_side._idle
-    assert again.ended.is_set() and again is not other
-    monkeypatch.setattr(worker_side, "_KEPT_S", 0.01)
-    with worker_side._keep_builders() as last:
-        assert last is other and not last.ended.is_set()
-        leaving.join(20)  # it has nothing to wait for any more
-    assert last.ended.wait(20) and not worker_side._idle
+def test_a_cluster_that_does_not_see_the_pictures_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures = draw(tmp_path / "pictures", a="pass")
+    with play_cluster(tmp_path, n_workers=1, processes=False) as (cluster, runs):
+        monkeypatch.setattr("knotfab.apps.batch.run.list_missing", lambda paths: paths[:1])
+        options = BuildOptions(out=tmp_path / "out", quiet=True)
+        with pytest.raises(InputError, match=r"is not there\. Mount the folders"):
+            batch([str(pictures)], options, cluster=cluster.scheduler_address)
+    assert not count(runs) and not (tmp_path / "out").exists()
+
+
+def test_this_machines_own_cluster_is_heard_by_no_other(tmp_path: Path) -> None:
+    with run._open_client(None, 2):
+        heard = [c.laddr.ip for c in psutil.Process().net_connections() if c.status == "LISTEN"]
+    assert set(heard) <= {"127.0.0.1", "::1"}
 
 
 def test_a_worker_that_is_killed_loses_no_picture(tmp_path: Path) -> None:
@@ -100,14 +95,8 @@ def test_a_worker_that_is_killed_loses_no_picture(tmp_path: Path) -> None:
     assert count(runs) == {"a": 1, "b": 2, "c": 1, "d": 3, "e": 1}
 
 
-def test_an_interrupted_client_ends_its_builds_and_goes_on_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The workers share no disk, and have memory for one build at a time."""
-    monkeypatch.setattr(
-        "knotfab.apps.batch.cluster.pack_task",
-        lambda task, _: pack_task(task, tmp_path / "elsewhere"),
-    )
+def test_an_interrupted_client_ends_its_builds_and_goes_on_later(tmp_path: Path) -> None:
+    """The worker has memory for one build at a time."""
     pictures = draw(tmp_path / "pictures", a="pass", b="wait", c="wait")
     out = tmp_path / "out"
     options = BuildOptions(out=out, quiet=True)

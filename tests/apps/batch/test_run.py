@@ -18,9 +18,8 @@ from command import knotfab, small_disk
 from PIL import Image
 from played_runs import PYTHON, count, draw, write_player
 
-from knotfab.apps.batch import worker
 from knotfab.apps.batch.run import batch, render_index
-from knotfab.apps.batch.worker import list_tasks
+from knotfab.apps.batch.worker import Task, list_tasks, record_of
 from knotfab.base.progress import Progress
 from knotfab.cli.commands import app
 from knotfab.pipeline.options import BuildOptions
@@ -51,8 +50,8 @@ ENDS = {
 @pytest.mark.parametrize("kind", ENDS)
 def test_the_page_hides_nothing_behind_passed(kind: str, tmp_path: Path) -> None:
     (code, word, warnings), (colour, ended) = ENDS[kind]
-    record = {"name": "a", "exit_code": code, "seconds": 1.0, "iou": 0.8, "error": ""}
-    page = render_index([{**record, "verdict": word, "warnings": warnings}], tmp_path)
+    record = record_of(Task("a", "a.png", "a.png", (), ""), code, 1.0, "", {"warnings": warnings})
+    page = render_index([{**record, "verdict": word}], tmp_path)
     assert f'<span class="{colour}">{ended}</span>' in page
     assert all(f'<p class="warn">{warning}.' in page for warning in warnings)
 
@@ -173,7 +172,7 @@ def test_an_interrupted_batch_ends_its_builds_and_goes_on_later(
 ) -> None:
     pictures = draw(tmp_path / "pictures", a="pass", b="wait", c="pass")
     program = (
-        "import sys; from knotfab.apps.batch import worker; from knotfab.apps.batch.run import batch;"
+        "import sys; from knotfab.apps.batch.run import batch;"
         "from knotfab.pipeline.options import BuildOptions; from pathlib import Path;"
         f"sys.executable = {str(tmp_path / 'played')!r};"
         f"batch([{str(pictures)!r}], BuildOptions(out=Path({str(tmp_path / 'out')!r})), jobs=1)"
@@ -190,38 +189,6 @@ def test_an_interrupted_batch_ends_its_builds_and_goes_on_later(
     (pictures / "b.png").write_text("pass")
     assert [r["exit_code"] for r in batch([str(pictures)], options(tmp_path))] == [0, 0, 0]
     assert count(played) == {"a": 1, "b": 2, "c": 1}
-
-
-@pytest.mark.parametrize("shared", [False, True])
-def test_a_parcel_builds_what_the_task_would(
-    played: Path, tmp_path: Path, shared: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Anywhere; on a shared disk right in its place, and by the files' own paths while they hold the same."""
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "probe").touch()
-    pictures = draw(tmp_path / "pictures", a="pass", b="fail")
-    scene = tmp_path / "scene.toml"
-    scene.write_text("[search]\nseed = 4\n")
-    monkeypatch.chdir(tmp_path)
-    tasks = list_tasks(["pictures"], options(tmp_path, scene=scene))
-    parcels = [worker.pack_task(task, out / "probe") for task in tasks]
-    if not shared:
-        (out / "probe").unlink()
-    (pictures / "b.png").write_text("another on this machine")
-    monkeypatch.chdir(out)  # wherever a worker runs
-    with worker.open_builders(1) as builders:
-        for task, parcel, code in zip(tasks, parcels, (0, 1), strict=True):
-            record, result = worker.build_parcel(parcel, builders)
-            assert (record["exit_code"], record["key"]) == (code, task.key)
-            assert record["picture"] == task.picture
-            assert (result == b"") == (out / task.name).exists() == shared
-            worker.unpack_result(record, result, out / task.name)
-    assert (out / "a" / "report.json").is_file()
-    assert (out / "b" / "rejected" / "report.json").is_file()
-    assert not (out / "b" / "report.json").exists()
-    ran = {name: (played / f"{name}.runs").read_text() for name in "ab"}
-    assert f"--scene={scene}" in ran["a"] and f"--scene={scene}" not in ran["b"]
 
 
 def test_file_names_are_never_options_nor_texts(
