@@ -9,8 +9,8 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
@@ -88,16 +88,14 @@ def examine() -> list[Finding]:
     `missing` breaks a required step; a `warning` costs only speed or an optional one.
     """
     return [
-        _python(),
+        Finding("python", "ok", f"{platform.python_version()} on {platform.platform(terse=True)}"),
         _torch(),
         *_libraries(LIBRARIES),
         _rendering(),
         _fonts(),
         _slicer(),
         *(_look_for_extra(*extra) for extra in EXTRAS),
-        _cores(),
-        _memory(),
-        _disk(),
+        *_machine(),
     ]
 
 
@@ -144,20 +142,17 @@ def compile_loops() -> Finding:
             failed = error
     loops, compiled, folder = count_loops()
     kept = f"kept under {folder}" if folder else "there is no place to keep them"
-    seconds = time.perf_counter() - begun
-    name, said = "compiled loops", f"{loops}, {compiled} of them compiled now, in {seconds:.0f} s"
+    said = (
+        f"{loops}, {compiled} of them compiled now, in {time.perf_counter() - begun:.0f} s; {kept}"
+    )
     if failed is not None:
-        detail = f"{said}; {kept}; but not the validators': {failed.why}"
-        return Finding(name, "warning", detail, failed.remedy)
-    said += ", and the validators'"
-    if folder:
-        return Finding(name, "ok", f"{said}; {kept}")
-    return Finding(name, "warning", f"{said}; {kept}", "Set NUMBA_CACHE_DIR to a folder of yours")
+        said += f"; but not the validators': {failed.why}"
+        return Finding("compiled loops", "warning", said, failed.remedy)
+    return _judge("compiled loops", said, bool(folder), "Set NUMBA_CACHE_DIR to a folder of yours")
 
 
-def _python() -> Finding:
-    detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    return Finding("python", "ok", detail)
+def _judge(name: str, detail: str, good: bool, remedy: str, worse: Status = "warning") -> Finding:
+    return Finding(name, "ok", detail) if good else Finding(name, worse, detail, remedy)
 
 
 def _torch() -> Finding:
@@ -165,27 +160,18 @@ def _torch() -> Finding:
     if found.status != "ok":
         return found
     ran, said = _answer(TORCH_CHILD)
-    if ran:
-        return replace(found, detail=said)
-    return Finding("torch", "warning", said, "pip install --force-reinstall torch")
+    return _judge("torch", said, ran, "pip install --force-reinstall torch")
 
 
 def _libraries(wanted: Sequence[tuple[str, str]]) -> list[Finding]:
     """Check that libraries are installed and can be imported, in a child process."""
-    found = [_look_for(distribution, module) for distribution, module in wanted]
-    present = [m for (_, m), finding in zip(wanted, found, strict=True) if finding.status == "ok"]
-    broken = _import_errors(present)
-    return [
-        replace(
-            finding,
-            status="missing",
-            detail=f"{finding.detail}, but {broken[module]}",
-            remedy=f"pip install --force-reinstall {distribution}; {RENDER_REMEDY}",
-        )
-        if module in broken
-        else finding
-        for (distribution, module), finding in zip(wanted, found, strict=True)
-    ]
+    found = {module: _look_for(distribution, module) for distribution, module in wanted}
+    broken = _import_errors([module for module, one in found.items() if one.status == "ok"])
+    for module, why in broken.items():
+        one = found[module]
+        remedy = f"pip install --force-reinstall {one.name}; {RENDER_REMEDY}"
+        found[module] = Finding(one.name, "missing", f"{one.detail}, but {why}", remedy)
+    return list(found.values())
 
 
 def _look_for(distribution: str, module: str) -> Finding:
@@ -194,18 +180,15 @@ def _look_for(distribution: str, module: str) -> Finding:
         version = metadata.version(distribution)
     except metadata.PackageNotFoundError:
         return Finding(distribution, "missing", "not installed", remedy)
-    if importlib.util.find_spec(module) is None:
-        detail = f"{version} is listed, but {module} is not there"
-        return Finding(distribution, "missing", detail, f"{remedy} --force-reinstall")
-    return Finding(distribution, "ok", version)
+    there = importlib.util.find_spec(module) is not None
+    detail = version if there else f"{version} is listed, but {module} is not there"
+    return _judge(distribution, detail, there, f"{remedy} --force-reinstall", "missing")
 
 
 def _look_for_extra(extra: str, what: str, modules: Sequence[str]) -> Finding:
     lacking = [name for name in modules if importlib.util.find_spec(name) is None]
-    if lacking:
-        remedy = f"In knotfab's folder: pip install '.[{extra}]'"
-        return Finding(what, "warning", f"{', '.join(lacking)} not installed", remedy)
-    return Finding(what, "ok", f"{', '.join(modules)}")
+    detail = f"{', '.join(lacking)} not installed" if lacking else ", ".join(modules)
+    return _judge(what, detail, not lacking, f"In knotfab's folder: pip install '.[{extra}]'")
 
 
 def _import_errors(modules: Sequence[str]) -> dict[str, str]:
@@ -239,9 +222,8 @@ def _rendering() -> Finding:
     if reason is not None:
         return Finding(name, "missing", reason, RENDER_REMEDY)
     ran, said = _answer(RENDER_CHILD)
-    if ran:
-        return Finding(name, "ok", f"{said}, a picture was rendered off-screen")
-    return Finding(name, "missing", f"rendering off-screen failed: {said}", RENDER_REMEDY)
+    detail = f"{said}, a picture was rendered off-screen" if ran else f"it fails off-screen: {said}"
+    return _judge(name, detail, ran, RENDER_REMEDY, "missing")
 
 
 def _fonts() -> Finding:
@@ -251,9 +233,8 @@ def _fonts() -> Finding:
         return Finding(name, "missing", "matplotlib is not installed", "pip install matplotlib")
     folder = Path(found.origin).parent / "mpl-data" / "fonts" / "ttf"
     lacking = [font for font in GLYPH_FONTS if not (folder / font).is_file()]
-    if lacking:
-        return Finding(name, "warning", f"matplotlib lacks {', '.join(lacking)}", remedy)
-    return Finding(name, "ok", f"DejaVu Sans, with matplotlib {metadata.version('matplotlib')}")
+    detail = f"matplotlib lacks {', '.join(lacking)}" if lacking else "DejaVu Sans, with matplotlib"
+    return _judge(name, detail, not lacking, remedy)
 
 
 def _slicer() -> Finding:
@@ -272,32 +253,21 @@ def _slicer() -> Finding:
     return Finding(name, "ok", f"{path}, {version.partition('+')[0]}".rstrip(", "))
 
 
-def _cores() -> Finding:
-    cores = count_cores()
-    limit = os.environ.get("OMP_NUM_THREADS", "")
+def _machine() -> Iterator[Finding]:
+    """Yield what is found of cores, memory and disk."""
+    cores, limit = count_cores(), os.environ.get("OMP_NUM_THREADS", "")
     if limit.isdigit() and int(limit) < cores:
         detail = f"{cores}, but OMP_NUM_THREADS={limit} keeps the search to {limit}"
-        return Finding("cores", "warning", detail, "unset OMP_NUM_THREADS")
-    if cores < 2:
-        return Finding("cores", "warning", "1", "Expect builds to take twice as long")
-    return Finding("cores", "ok", str(cores))
-
-
-def _memory() -> Finding:
+        yield Finding("cores", "warning", detail, "unset OMP_NUM_THREADS")
+    else:
+        yield _judge("cores", str(cores), cores > 1, "Expect builds to take twice as long")
     total = measure_memory_gb()
-    if total is None:
-        return Finding("memory", "warning", "cannot be read here", f"Have {LEAST_MEMORY_GB:g} GB")
-    if total < LEAST_MEMORY_GB:
-        return Finding("memory", "warning", f"{total:.1f} GB", "Use --accuracy draft")
-    return Finding("memory", "ok", f"{total:.1f} GB")
-
-
-def _disk() -> Finding:
+    told = "cannot be read here" if total is None else f"{total:.1f} GB"
+    enough = total is not None and total >= LEAST_MEMORY_GB
+    yield _judge("memory", told, enough, "Use --accuracy draft if it is less than 4 GB")
     free = shutil.disk_usage(Path.cwd()).free / 2**30
-    detail = f"{free:.1f} GB free in the current folder"
-    if free < LEAST_DISK_GB:
-        return Finding("disk", "warning", detail, "Free some space, or give --out another disk")
-    return Finding("disk", "ok", detail)
+    told = f"{free:.1f} GB free in the current folder"
+    yield _judge("disk", told, free >= LEAST_DISK_GB, "Free some space, or give --out another disk")
 
 
 def _answer(code: str) -> tuple[bool, str]:
