@@ -267,7 +267,7 @@ def report(folder: Path, /) -> int:
     folder
         A folder that a build wrote.
     """
-    from knotfab.report.page import write_page
+    from knotfab.report.folder_page import write_page
 
     print(f"{write_page(folder)} is written.")
     return 0

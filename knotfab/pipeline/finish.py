@@ -25,8 +25,8 @@ from knotfab.report.effects import (
     tell_bounds,
     tell_warnings,
 )
+from knotfab.report.folder_page import write_page
 from knotfab.report.for_maker import check_slicing, tell_setup, tell_unsliced, with_slicing
-from knotfab.report.page import write_page
 from knotfab.report.pictures import draw_agreement, turn_piece
 from knotfab.report.posing import find_access, report_posing
 from knotfab.report.report import (

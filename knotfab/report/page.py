@@ -16,10 +16,8 @@ from PIL import Image, ImageOps
 
 from knotfab.picture.raster import data_uri, hash_script, image_uri
 from knotfab.report.summary import mark_of, tally_checks, tell_colours, tell_share
-from knotfab_formats.disk import write_whole
-from knotfab_formats.errors import InputError, plain, spelled
-from knotfab_formats.errors import shown as shown_error
-from knotfab_formats.report import Report, read_report
+from knotfab_formats.errors import plain
+from knotfab_formats.report import Report
 from knotfab_formats.verdict import list_unmet
 
 VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
@@ -140,35 +138,6 @@ def render_html(
         digest=hash_script(script),
         verdicts=_verdicts(report),
     )
-
-
-def write_page(folder: Path) -> Path:
-    """Write report.html from report.json and the other files of its folder.
-
-    Raises:
-        InputError: the folder holds no whole build of this version.
-    """
-    from knotfab.report.for_maker import draw_setup, list_files
-    from knotfab.report.pictures import find_pictures
-    from knotfab.report.viewer import read_viewer_data
-
-    try:
-        report = read_report(folder / "report.json")
-        shown = read_viewer_data(folder) if report.views else None
-    except (OSError, ValueError, TypeError, IndexError) as error:
-        why = f"it holds no whole build ({shown_error(error)})"
-        raise InputError(str(folder), why, "Build it again with --scene.") from error
-    page = render_html(
-        report,
-        find_pictures(folder),
-        report.title,
-        shown=shown,
-        drawings=draw_setup(folder),
-        files=list_files([path.name for path in folder.iterdir()]),
-    )
-    path = folder / "report.html"
-    write_whole(path, spelled(page).encode())
-    return path
 
 
 def encode_for_script(data: Mapping[str, Any]) -> str:

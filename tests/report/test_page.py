@@ -68,8 +68,8 @@ def test_keys_of_the_contract(tmp_path: Path) -> None:
     text = (tmp_path / "report.json").read_text(encoding="utf-8")
     report = json.loads(text)
     assert set(report) == {
-        "schema", "status", "verdict", "views", "checks", "effects", "limits", "timings", "knots", "print",
-        "settings", "notes",
+        "schema", "title", "status", "verdict", "views", "checks", "effects", "limits", "timings", "knots",
+        "print", "settings", "notes",
     }  # fmt: skip
     assert report["schema"] == 1 and report["status"] == "pass" and report["verdict"] is None
     assert np.array(report["views"][0]["projection"]).shape == (3, 4)
