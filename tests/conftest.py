@@ -68,7 +68,7 @@ def _keep_modeller() -> Iterator[None]:
                 modeller._kept.reset(before)
 
         patch.setattr("knotfab.pipeline.build.keep_modeller", keep)
-        patch.setattr("knotfab.pipeline.held.rest_modeller", lambda: None)
+        patch.setattr("knotfab.pipeline.plan.rest_modeller", lambda: None)
         yield
 
 

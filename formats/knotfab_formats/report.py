@@ -203,6 +203,20 @@ class FrameView(View):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AttemptFigures:
+    """One attempt of a build: a search, a part, or a piece that is written and verified.
+
+    `cpu_s` are those of the build's own process. `why_next` is why another attempt followed.
+    """
+
+    what: str
+    seconds: float
+    cpu_s: float
+    outcome: str
+    why_next: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Report:
     """All that a build measured.
 
@@ -226,6 +240,7 @@ class Report:
     colours: Colours | None = None
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] | None = None
+    attempts: tuple[AttemptFigures, ...] = ()
     binding: tuple[Price, ...] | None = None
     slicer: SlicerFigures | None = None
     next_step: NextStep | None = None

@@ -109,19 +109,19 @@ def resolve_iterations(settings: SearchSettings, iterations: Mapping[int, int]) 
     return settings.but(**{names[k]: n for k, n in iterations.items()})
 
 
-def scale_to_budget(
-    seconds: float, settings: SearchSettings, trial: Callable[[SearchSettings], object]
-) -> SearchSettings:
-    """Scale the iterations of a network search to the time available, by timing one short run.
-
-    Args:
-        trial: runs a search with the settings that it is given.
-    """
-    few = settings.but(
+def few_iterations(settings: SearchSettings) -> SearchSettings:
+    """Return the settings with so few iterations that a search serves only to be timed."""
+    return settings.but(
         coarse_iterations=6, fine_iterations=6, settle_iterations=3, network_iterations=6
     )
-    begun = time.perf_counter()
-    trial(few)
-    each = (time.perf_counter() - begun) / few.iterations
+
+
+def scale_to_budget(seconds: float, settings: SearchSettings, few_s: float) -> SearchSettings:
+    """Scale the iterations of a network search to the time available.
+
+    Args:
+        few_s: how long a search with `few_iterations` took.
+    """
+    each = few_s / few_iterations(settings).iterations
     factor = (seconds - 16 * each) / (each * settings.iterations)
     return settings.scaled(float(np.clip(factor, 0.2, 5.0)))

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
-from knotfab.design.budget import Budget, cut_settings, resolve_iterations, scale_to_budget
+from knotfab.design.budget import (
+    Budget,
+    cut_settings,
+    few_iterations,
+    resolve_iterations,
+    scale_to_budget,
+)
 from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.retries import (
     is_better,
-    price_limits,
-    search_sparser,
+    plan_prices,
+    plan_sparser,
     start_with_more_legs,
     start_without_bumps,
 )
@@ -35,11 +41,12 @@ from knotfab.knots import Knots, read_start
 from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.raster import silhouette_uri
 from knotfab.picture.read import Target
+from knotfab.plan import Attempts, Search, Steps
 from knotfab.problem import Problem, SearchResult, Start
 from knotfab.scene.require import require_tube
 from knotfab.search.flow import plan_of
 from knotfab.search.objective import Pose
-from knotfab.search.search import Pace, search
+from knotfab.search.search import Pace
 from knotfab.start.start import make_start, start_from_knots
 from knotfab_formats.report import Price
 from knotfab_formats.scene import (
@@ -98,10 +105,31 @@ def design_knots(
         SceneError: the scene cannot be met; InputError: the scene or a picture is wrong.
     """
     progress = progress or Progress("quiet")
+    return Attempts(progress).carry_out(plan_searches(scene, targets, device, progress, budget))
+
+
+def plan_searches(
+    scene: ResolvedScene,
+    targets: Sequence[Target],
+    device: str,
+    progress: Progress,
+    budget: Budget | None = None,
+    why: str = "",
+) -> Steps[Design]:
+    """Plan the searches of one design, as `design_knots` makes them.
+
+    The first starts from a filling, the others from what it lacks: sides that keep their order where a strand
+    stands out, more arches where a leg is braced by none, sparser strands where a limit is broken.
+
+    Args:
+        why: why this design is made after another one.
+    """
     if scene.settings.free_view and scene.piece.supports == "none":
         # arches stand along the light's axis, so an ordinary search finds that first
         half = budget and replace(budget, ends=budget.ends - 0.5 * budget.view_s(1))
-        found = design_knots(without_arches(scene), targets, device, progress, half)
+        bare = without_arches(scene)
+        found = yield from plan_searches(bare, targets, device, progress, half, why)
+        why = "the view is found"
         scene = fix_view(scene, found.scene.views[0], found.knots.radius_mm)
     scene, settings = _plan(scene, len(targets), budget)
     with progress.stage("question"):
@@ -113,27 +141,36 @@ def design_knots(
     settings = refine_settings(question, settings, radius)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
-            settings = _calibrate(problem, start, radius, settings, budget, device)
+            few, begun = few_iterations(settings), time.perf_counter()
+            short = {"plan": replace(plan_of(few, len(problem.views)), repairs=0), "device": device}
+            seconds = budget.search_s(sum(len(curve) for curve in start.curves))
+            yield Search("a few iterations, to time them", problem, start, radius, few, why, short)
+            lasted, why = time.perf_counter() - begun, "timed"
+            settings = scale_to_budget(seconds, settings, lasted)
     with progress.stage("search"):
         pose, settings = _free_views(question, radius, settings)
         pace = None if budget is None else Pace(budget.search_s)
-        walk = partial(
-            search,
+        first = Search(
+            _name_search(question, radius),
             problem,
-            radius=radius,
-            settings=settings,
-            pose=pose,
-            pace=pace,
-            device=device,
-            watch=progress.show,
-            report=progress.update if progress.watched else None,
+            start,
+            radius,
+            settings,
+            why,
+            {
+                "pose": pose,
+                "pace": pace,
+                "device": device,
+                "watch": progress.show,
+                "report": progress.update if progress.watched else None,
+            },
         )
-        result = walk(start=start)
+        result: SearchResult = yield first
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
-            progress.say("a strand stands out of the picture: searched again from parted sides")
-            again = walk(start=parted)
+            what, why = "search from parted sides", "a strand stands out of the picture"
+            again: SearchResult = yield replace(first, what=what, start=parted, why=why)
             if is_better(result, again):
                 result.add_work(again)
             else:
@@ -143,20 +180,24 @@ def design_knots(
             braced = start_with_more_legs(problem, result, start)
             if braced is None:
                 break
-            again = walk(start=braced)
+            what, why = (
+                "search from more arches",
+                "a leg has no neighbour to brace it, or is too flat",
+            )
+            again = yield replace(first, what=what, start=braced, why=why)
             if result.feasible and not again.feasible:
                 break
             again.add_work(result)
             start, result = braced, again
         unmet = None if result.feasible else result
         if unmet is not None:
-            result = search_sparser(problem, radius, knots, settings) or unmet
+            result = (yield from plan_sparser(problem, radius, knots, settings)) or unmet
             if result is not unmet:
                 result.add_work(unmet)
     if settings.free_view:
         question = question.seen_from(result.views, targets)
     made = replace(settle_design(question, result, settings), radius=choice, start_ious=start.ious)
-    return price_design(made, question, start, unmet, progress, budget)
+    return (yield from price_design(made, question, start, unmet, progress, budget))
 
 
 def _plan(
@@ -169,24 +210,6 @@ def _plan(
     if settings.free_view:
         return (place_start if views == 1 else place_directions)(scene, settings)
     return scene, settings
-
-
-def _calibrate(
-    problem: Problem,
-    start: Start,
-    radius: float,
-    settings: SearchSettings,
-    budget: Budget,
-    device: str,
-) -> SearchSettings:
-    """Scale the iterations to the time that is left."""
-
-    def trial(few: SearchSettings) -> None:
-        plan = replace(plan_of(few, len(problem.views)), repairs=0)
-        search(problem, start, radius, few, plan=plan, device=device)
-
-    seconds = budget.search_s(sum(len(curve) for curve in start.curves))
-    return scale_to_budget(seconds, settings, trial)
 
 
 def _free_views(
@@ -202,6 +225,17 @@ def _free_views(
     return FreeDirections(question.problem.views, radius, settings), settings
 
 
+def _name_search(question: Question, radius: float) -> str:
+    """Name a search by its supports, its tube, and for one view depth and wall."""
+    piece, told = question.scene.piece, [f"a tube of {2 * radius:.2f} mm"]
+    if len(question.views) == 1:
+        told.append(f"{question.problem.depth_mm or 0.0:.0f} mm deep")
+        told.append(f"{question.views[0].wall_distance_mm:.0f} mm from the wall")
+    if piece.supports == "none":
+        told.append("without supports")
+    return f"search: {', '.join(told)}"
+
+
 def price_design(
     made: Design,
     question: Question,
@@ -209,7 +243,7 @@ def price_design(
     unmet: SearchResult | None,
     progress: Progress,
     budget: Budget | None = None,
-) -> Design:
+) -> Steps[Design]:
     """Add the prices of the limits to a design that misses its IoU or a limit.
 
     Args:
@@ -230,7 +264,7 @@ def price_design(
                 start = make_start(question.problem, radius, made.settings, knots)
             except SceneError:  # this picture alone has no such curve
                 return made
-        binding = price_limits(
+        binding = yield from plan_prices(
             question.problem,
             start,
             unmet or made.result,

@@ -11,7 +11,7 @@ from shapely import MultiPolygon
 from knotfab.base.arrays import Array
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget
-from knotfab.design.design import Design, design_knots, price_design, settle_design
+from knotfab.design.design import Design, plan_searches, price_design, settle_design
 from knotfab.design.film_motion import outline_motion
 from knotfab.design.film_search import (
     Attempt,
@@ -30,6 +30,7 @@ from knotfab.knots import Knots
 from knotfab.picture.frames import count_knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
+from knotfab.plan import Attempts
 from knotfab.scene.require import require_sequence
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.search import PRESETS, SearchSettings
@@ -141,13 +142,14 @@ class Chain:
         scene: ResolvedScene,
         targets: Sequence[Target],
         device: str = "cpu",
-        progress: Progress | None = None,
+        attempts: Attempts | None = None,
         budget: Budget | None = None,
         kept: KeptFrames | None = None,
     ) -> None:
         require_sequence(scene)
         self._scene, self._targets, self._device = scene, targets, device
-        self._progress = progress or Progress("quiet")
+        self._attempts = attempts or Attempts(Progress("quiet"))
+        self._progress = self._attempts.progress
         self._budget = budget
         self._closing, self._kept = scene.sequence.loop, kept
         self.resumed = 0  # number of frames taken from an interrupted build
@@ -227,14 +229,18 @@ class Chain:
             # a later frame takes 0.8 of the first one's time
             frame_s = left / (1.0 + 0.8 * (len(targets) - 1))
             share = Budget(time.perf_counter() + frame_s)
-        first = design_knots(asked, [target], self._device, progress, share)
+        first = self._attempts.carry_out(
+            plan_searches(asked, [target], self._device, progress, share)
+        )
         # keep the region's file as the scene names it, and let each frame's picture set its required IoU
         update = {"region": question.problem.region, "accuracy": scene.accuracy}
         within = first.scene.but(**update)
         question = ask(_rename_view(within, target), [target])
         rings = first.knots.rings
         with progress.stage("search"):
-            ended = finish_frame(first.result, rings, question.problem, radius, first.settings, [])
+            ended = self._attempts.carry_out(
+                finish_frame(first.result, rings, question.problem, radius, first.settings, [])
+            )
         made = settle_design(question, ended.result, first.settings)
         made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
         return _Common(within, first.settings, radius), SequenceFrame(
@@ -279,13 +285,15 @@ class Chain:
         )
         done = len(self._known)
         with self._progress.stage("search"):
-            trial = following.search(
-                attempts, lambda part, _: self._progress.update((done + part) / count)
+            trial = self._attempts.carry_out(
+                following.search(
+                    attempts, lambda part, _: self._progress.update((done + part) / count)
+                )
             )
         assert trial.ended is not None
         question = self._questions[number]
         made = settle_design(question, trial.ended.result, common.settings)
-        made = price_design(made, question, None, None, self._progress)
+        made = self._attempts.carry_out(price_design(made, question, None, None, self._progress))
         return SequenceFrame(
             number,
             made,

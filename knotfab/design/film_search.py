@@ -16,10 +16,10 @@ from knotfab.geometry.carry import Carried, carry
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knots
 from knotfab.picture.opening import opening_iou
+from knotfab.plan import Search, Steps
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.search.flow import FlowSettings, Phase, Plan, repair_phase, three_phases
 from knotfab.search.objective import Term
-from knotfab.search.search import search
 from knotfab.start.profiles import lower
 from knotfab_formats.search import SearchSettings
 
@@ -74,7 +74,7 @@ def search_frame(
     anchors: Sequence[Anchor],
     report: Callable[[float, float | None], None] | None = None,
     still: bool = False,
-) -> FrameResult:
+) -> Steps[FrameResult]:
     """Search a frame from the knots of an earlier frame, `before`; vertices keep their number and order.
 
     The knots are transported by the displacement between the silhouettes. The search on the new picture
@@ -90,14 +90,13 @@ def search_frame(
     log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
     terms: tuple[Term, ...] = tuple(anchors)
     if still:
-        result = search(
+        result = yield Search(
+            "frame as it is",
             new,
             Start(tuple(rings.split(before.points)), log.template, log.types),
             radius,
             settings,
-            terms=terms,
-            plan=_plan(settings, ()),
-            log=log,
+            more={"terms": terms, "plan": _plan(settings, ()), "log": log},
         )
         return FrameResult(result, _largest_excess(result, anchors), 0.0)
     # `finish_frame` adds vertices, which bend more where edges are uneven
@@ -110,7 +109,8 @@ def search_frame(
     log.add_margin(moved.least_margin)
     # the transport has done half of the work
     phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
-    result = search(
+    result = yield Search(
+        "frame from another's knots",
         new,
         Start(
             tuple(rings.split(moved.points @ axes)),
@@ -120,10 +120,12 @@ def search_frame(
         ),
         radius,
         settings,
-        terms=(*terms, Tautness(taut_mm, radius)),
-        plan=_plan(settings, phases),
-        log=log,
-        report=report,
+        more={
+            "terms": (*terms, Tautness(taut_mm, radius)),
+            "plan": _plan(settings, phases),
+            "log": log,
+            "report": report,
+        },
     )
     return FrameResult(result, _largest_excess(result, anchors), moved.reached)
 
@@ -146,7 +148,7 @@ def finish_frame(
     radius: float,
     settings: SearchSettings,
     anchors: Sequence[Anchor],
-) -> FrameResult:
+) -> Steps[FrameResult]:
     """Double the vertices of a frame for its part, and repair the limits that this breaks.
 
     Args:
@@ -159,14 +161,13 @@ def finish_frame(
         log.add_margin(doubled.least_margin)
     else:
         log.resamplings_refused += 1
-    result = search(
+    result = yield Search(
+        "frame with twice the vertices",
         problem,
         Start(tuple(both.split(doubled.points)), log.template, log.types),
         radius,
         settings,
-        terms=tuple(anchors),
-        plan=_plan(settings, ()),
-        log=log,
+        more={"terms": tuple(anchors), "plan": _plan(settings, ()), "log": log},
     )
     result.add_work(earlier)
     return FrameResult(result, _largest_excess(result, anchors))
@@ -304,25 +305,25 @@ class Following:
 
     def search(
         self, attempts: Iterable[Attempt], report: Callable[[float, float | None], None]
-    ) -> Trial:
+    ) -> Steps[Trial]:
         """Return the first trial that keeps every limit and draws the picture well, or else the best."""
         wanted = opening_iou(self.problems[self.number].polygons[0], self.radius) - POOR
         best: Trial | None = None
         for attempt in attempts:
             if attempt.still and best is not None and best.quality[0]:
                 continue  # the last resort for a frame that breaks a limit
-            trial = self._try(attempt, report)
+            trial = yield from self._try(attempt, report)
             if best is None or trial.quality > best.quality:
                 best = trial
             if best.quality >= (True, wanted):
                 break
         assert best is not None
         if best.ended is None:
-            best = replace(best, ended=self._finish(best.found, best.attempt))
+            best = replace(best, ended=(yield from self._finish(best.found, best.attempt)))
         return best
 
-    def _try(self, attempt: Attempt, report: Callable[[float, float | None], None]) -> Trial:
-        found = search_frame(
+    def _try(self, attempt: Attempt, report: Callable[[float, float | None], None]) -> Steps[Trial]:
+        found = yield from search_frame(
             self.known[attempt.origin],
             self.rings,
             (self.problems[attempt.origin], self.problems[self.number]),
@@ -335,9 +336,10 @@ class Following:
         )
         log = found.result.log
         log.template = f"the knot of frame {attempt.origin + 1}; of the first one: {self.why}"
-        return Trial(attempt, found, self._finish(found, attempt) if found.sound else None)
+        ended = (yield from self._finish(found, attempt)) if found.sound else None
+        return Trial(attempt, found, ended)
 
-    def _finish(self, found: FrameResult, attempt: Attempt) -> FrameResult:
+    def _finish(self, found: FrameResult, attempt: Attempt) -> Steps[FrameResult]:
         return finish_frame(
             found.result,
             self.rings,

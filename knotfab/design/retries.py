@@ -16,8 +16,8 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.legs import Leg, find_legs, peaks_of, plan_bars
 from knotfab.geometry.polylines import arc_lengths
+from knotfab.plan import Search, Steps
 from knotfab.problem import Problem, SearchResult, Start, TargetView
-from knotfab.search.search import search
 from knotfab.search.upright import FLANK_DEG
 from knotfab.start.arches import LOWEST_ARCH_RADII
 from knotfab.start.filling import Template
@@ -88,14 +88,14 @@ def _loosen(problem: Problem, names: Sequence[str], roomy: SettledRegion) -> Pro
     return replace(problem, **dict(free[name] for name in names))
 
 
-def price_limits(
+def plan_prices(
     problem: Problem,
     start: Start,
     result: SearchResult,
     settings: SearchSettings,
     roomy: SettledRegion,
     iou: float | None = None,
-) -> tuple[Price, ...]:
+) -> Steps[tuple[Price, ...]]:
     """Price each binding limit in IoU of the worst view, dearest first, or all if none costs by itself.
 
     Args:
@@ -105,17 +105,22 @@ def price_limits(
     candidates = binding_limits(problem, result, roomy)
     here = result.iou_estimate if iou is None else iou
 
-    def price(names: tuple[str, ...], free: Problem) -> Price:
-        other = search(free, start, radius, short)
+    def price(names: tuple[str, ...], free: Problem) -> Steps[Price]:
+        told = " and ".join(_KEYS[name][1] for name in names)
+        other = yield Search(
+            f"short search without {told}", free, start, radius, short, "for its price"
+        )
         return _price(names, problem, other, result, here)
 
-    found = [price((name,), free) for name, free in candidates.items()]
+    found = []
+    for name, free in candidates.items():
+        found.append((yield from price((name,), free)))
     found = [
         p for p in found if p.iou_without > here + _GAIN or (p.met_without and iou is not None)
     ]
     if not found and len(candidates) > 1:
         names = tuple(candidates)
-        both = price(names, _loosen(problem, names, roomy))
+        both = yield from price(names, _loosen(problem, names, roomy))
         found = [both] if both.iou_without > here + _GAIN else []
     return tuple(sorted(found, key=lambda p: (p.met_without, p.iou_without), reverse=True))
 
@@ -178,9 +183,9 @@ _STILL = {**SHORT, "coarse_iterations": 0, "fine_iterations": 0, "settle_iterati
 _WIDER = (1.5, 2.5, 4.0, 6.5, 10.0, 16.0)  # spacings of the strands to try, in tube radii
 
 
-def search_sparser(
+def plan_sparser(
     problem: Problem, radius: float, knots: int | None, settings: SearchSettings
-) -> SearchResult | None:
+) -> Steps[SearchResult | None]:
     """Search with sparser strands until a result is feasible; return None if none is.
 
     The pictures are filled as if by ever thicker tubes, whose strands are further apart and bend less. One
@@ -189,8 +194,9 @@ def search_sparser(
     Args:
         radius: of the tube, mm. knots: as for `make_start`.
     """
-    for asked, start, steps in _tries(problem, radius, knots, settings):
-        result = search(asked, start, radius, settings.but(**steps))
+    for what, asked, start, steps in _tries(problem, radius, knots, settings):
+        few, why = settings.but(**steps), "it breaks a limit"
+        result: SearchResult = yield Search(f"search of {what}", asked, start, radius, few, why)
         if result.feasible:
             return result
     return None
@@ -198,8 +204,8 @@ def search_sparser(
 
 def _tries(
     problem: Problem, radius: float, knots: int | None, settings: SearchSettings
-) -> Iterator[tuple[Problem, Start, dict[str, Any]]]:
-    """Yield each attempt's problem, start and search settings."""
+) -> Iterator[tuple[str, Problem, Start, dict[str, Any]]]:
+    """Yield each attempt's name, problem, start and search settings."""
     limits = problem.limits(radius)
     least = max(0.5 * limits.separation, limits.bend_radius) / radius
     wide = {*(w for w in _WIDER if w < least), *(least * w for w in _WIDER)}
@@ -211,7 +217,9 @@ def _tries(
         if 0.5 * least < spacing and spacing * radius < widest:
             for asked in (problem, flat) if one else (problem,):
                 try:
-                    yield asked, make_start(asked, radius, short, knots, spacing), SHORT
+                    sparse = make_start(asked, radius, short, knots, spacing)
+                    what = f"strands {2 * spacing * radius:.1f} mm apart"
+                    yield what + (", flat" if asked is flat else ""), asked, sparse, SHORT
                 except SceneError:
                     continue
     if not one or problem.knot != "unknot":
@@ -219,7 +227,7 @@ def _tries(
     # evening its edges bends a ring more than a circle, so try sizes above the bend limit's
     for size in (1.1, 1.3, 1.6):
         ring = _ring(problem, size * least * radius, radius)
-        yield flat, make_start(flat, radius, short, template=ring), _STILL
+        yield "a ring", flat, make_start(flat, radius, short, template=ring), _STILL
 
 
 def _ring(problem: Problem, least: float, radius: float) -> Template:

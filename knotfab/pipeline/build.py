@@ -12,7 +12,9 @@ from knotfab.base.progress import Progress
 from knotfab.hold.modeller import keep_modeller
 from knotfab.picture.frames import count_knots, read_frames
 from knotfab.picture.read import Target, read_targets
+from knotfab.pipeline.choose_supports import list_supports
 from knotfab.pipeline.verifier import Verifier
+from knotfab.plan import Attempts
 from knotfab.request import Outcome, Request, require_device
 from knotfab.scene.require import require_sequence
 from knotfab_formats.libraries import recording
@@ -20,21 +22,23 @@ from knotfab_formats.libraries import recording
 
 def run_build(request: Request, progress: Progress | None = None) -> Outcome:
     """Build what was asked (`build`) or, if that fails, the request's other scene if it has one."""
-    progress = progress or Progress("quiet")
+    progress, why = progress or Progress("quiet"), ""
+    attempts = Attempts(progress)
     with recording():
-        try:
-            return build(request, progress)
-        except SceneError as error:
-            if request.otherwise is None:
-                raise
-            why = f"{error.what}: {error.why}"
-        progress.say(f"Built again with the slicer's supports, for without them {why}")
-        return build(
-            replace(request, scene=request.otherwise, otherwise=None, why_supported=why), progress
-        )
+        for way in list_supports(request):
+            try:
+                return build(replace(way, why_supported=why) if why else way, progress, attempts)
+            except SceneError as error:
+                if way.otherwise is None:
+                    raise
+                why = f"{error.what}: {error.why}"
+                attempts.because = f"built again with the slicer's supports, for without them {why}"
+    raise AssertionError("a request lists no way")
 
 
-def build(request: Request, progress: Progress | None = None) -> Outcome:
+def build(
+    request: Request, progress: Progress | None = None, attempts: Attempts | None = None
+) -> Outcome:
     """Build a piece, or the frames of a sequence: search, sweep, mount, pose, write, verify, slice, report.
 
     The folder then holds the files of the contract. What fails a required check is written whole to
@@ -44,6 +48,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
     progress, film = progress or Progress("quiet"), request.sequence
+    attempts = attempts or Attempts(progress)
     require_device(request)
     if film:
         require_sequence(request.scene)
@@ -67,7 +72,7 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         # imported only now, while the validators load in their own processes
         from knotfab.part.slicer import SlicerQueue
         from knotfab.pipeline.finish import finish_build
-        from knotfab.pipeline.held import Workshop, make_piece
+        from knotfab.pipeline.plan import Workshop, plan_piece
 
         slicer = stack.enter_context(SlicerQueue(jobs=jobs))
         stack.enter_context(keep_modeller(mounted))
@@ -76,10 +81,12 @@ def build(request: Request, progress: Progress | None = None) -> Outcome:
         if film:
             from knotfab.pipeline.film import make_film
 
-            made = make_film(shop, request, left, until_written=stack)
+            report, title, pieces = make_film(shop, request, left, attempts, until_written=stack)
         else:
-            made = make_piece(shop, request, left)
-        return finish_build(folder, request, *made, progress)
+            piece, report = attempts.carry_out(plan_piece(shop, request, left))
+            title, pieces = " and ".join(target.shown for target in targets), [piece]
+        report = replace(report, attempts=tuple(attempts.made))
+        return finish_build(folder, request, report, title, pieces, progress)
 
 
 def _read_pictures(request: Request) -> tuple[Target, ...]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.design.frames import frame_view
 from knotfab.picture.read import Target
+from knotfab.request import Request
 from knotfab.scene.require import stand_alone, why_supported
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
@@ -34,6 +36,13 @@ def choose_supports(
     if asked == "none":
         raise InputError("a piece without supports (--supports none)", *refusal)
     return supported, None, refusal[0]
+
+
+def list_supports(request: Request) -> Iterator[Request]:
+    """Yield a request as it was chosen and, if that may fail without supports, with the slicer's."""
+    yield request
+    if request.otherwise is not None:
+        yield replace(request, scene=request.otherwise, otherwise=None)
 
 
 def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, str] | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.design.budget import Budget
 from knotfab.design.film import Chain, SequenceFrame
@@ -16,13 +17,15 @@ from knotfab.design.film_search import POOR
 from knotfab.design.kept import KeptFrames, keep_for
 from knotfab.design.question import silhouette_polygon
 from knotfab.knots import read_knots
+from knotfab.part.assemble import part_of
 from knotfab.part.slicer_profile import write_profile
 from knotfab.picture.frames import count_knots, tell_apart
 from knotfab.picture.read import read_target
 from knotfab.pipeline.film_report import check_closing, check_motion, sequence_report
 from knotfab.pipeline.finish import report_piece
-from knotfab.pipeline.held import Workshop
-from knotfab.pipeline.piece import WrittenPiece, discard_piece, write_piece
+from knotfab.pipeline.piece import Settled, WrittenPiece, discard_piece, write_piece
+from knotfab.pipeline.plan import Workshop
+from knotfab.plan import Attempts
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene
 from knotfab_formats.report import Motion, Report
@@ -33,7 +36,11 @@ PICTURES = "picture-frame-*"  # how scene.toml names the frames' pictures
 
 
 def make_film(
-    shop: Workshop, request: Request, left: Budget | None, until_written: ExitStack
+    shop: Workshop,
+    request: Request,
+    left: Budget | None,
+    attempts: Attempts,
+    until_written: ExitStack,
 ) -> tuple[Report, str, list[WrittenPiece]]:
     """Search all frames as the same moving knots, and write and verify each as a separate part.
 
@@ -53,13 +60,19 @@ def make_film(
     if request.printing:
         write_profile(folder.work, request.scene)
     kept = until_written.enter_context(_keep_frames(request, shop))
-    chain = Chain(request.scene, targets, request.device, progress, left, kept)
+    chain = Chain(request.scene, targets, request.device, attempts, left, kept)
     found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
 
     def write(frame: SequenceFrame) -> WrittenPiece:
         target = targets[frame.number]
         work = folder, request, shop.verifier, shop.slicer, progress
-        return write_piece(frame.made, [target], *work, "-" + target.name.removeprefix("frame-"))
+        settled: Settled | str
+        try:  # frames share one depth and one wall
+            settled = frame.made, part_of(frame.made, request.printing, [target], progress), None
+        except SceneError as error:
+            settled = str(error)
+        suffix = "-" + target.name.removeprefix("frame-")
+        return write_piece(frame.made, [target], settled, *work, suffix)
 
     for frame in chain.frames():
         found[frame.number] = frame, write(frame)

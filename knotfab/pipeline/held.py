@@ -1,209 +1,24 @@
-"""Finish a piece: write, verify and report it, on the requested holder or on the one that serves best."""
+"""Guess what each holder of a piece would add, before any is made."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Literal
 
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.base.errors import SceneError
-from knotfab.base.folder import OutputFolder
-from knotfab.base.progress import Progress
-from knotfab.design.budget import Budget
 from knotfab.design.candidates import hours_of_plate, hours_of_tube
-from knotfab.design.design import Design, design_knots
+from knotfab.design.design import Design
 from knotfab.geometry.overhang import Estimate, Strands, estimate
-from knotfab.geometry.tube import join_meshes
 from knotfab.hold.hang import HOLE_MM
-from knotfab.hold.modeller import rest_modeller
 from knotfab.hold.mount import BASE_DOWN, choose_foot
-from knotfab.part.assemble import Part, rules_of
+from knotfab.part.assemble import rules_of
 from knotfab.part.orient import estimate_print_minutes, propose_turns, rank_turns, strands_of
-from knotfab.part.slicer import SlicerQueue
-from knotfab.part.slicer_profile import write_profile
 from knotfab.picture.read import Target
-from knotfab.pipeline.finish import report_piece
-from knotfab.pipeline.piece import Settled, WrittenPiece, discard_piece, settle, write_piece
-from knotfab.pipeline.verifier import Verifier
-from knotfab.render.part_picture import draw_part, place_eyes
-from knotfab.report.page import load_template
-from knotfab.request import Request
 from knotfab.scene.camera import Camera, camera_of
-from knotfab_formats.report import Report
-from knotfab_formats.scene import ResolvedScene, SettledScene
-from knotfab_formats.verdict import WORDS as BEST_FIRST
-from knotfab_formats.verdict import list_unmet
-
-_SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
-
-
-@dataclass(frozen=True)
-class Workshop:
-    """What is needed to finish a piece: its pictures, its folder, verifier and slicer."""
-
-    targets: Sequence[Target]
-    folder: OutputFolder
-    verifier: Verifier
-    slicer: SlicerQueue
-    progress: Progress
-
-    def finish(
-        self, request: Request, made: Design, settled: Settled | None = None, note: str = ""
-    ) -> tuple[WrittenPiece, Report]:
-        """Write a design's piece, have it verified and sliced, and report it.
-
-        Args:
-            settled: its part, where it has been made already. note: a sentence for the report.
-        """
-        folder, progress = self.folder, self.progress
-        if request.printing:
-            write_profile(folder.work, made.scene)
-        work = folder, request, self.verifier, self.slicer, progress
-        piece = write_piece(made, self.targets, *work, settled=settled)
-        piece = replace(piece, notes=(*piece.notes, *filter(None, [note])))
-        rest_modeller()
-        if piece.part is not None:
-            with progress.stage("verify"):  # while the validators measure
-                _draw(piece.part, piece.scene, folder.file("part.png"))
-                load_template()
-        return piece, report_piece(piece, folder, request, progress)
-
-    def finish_held(self, request: Request, made: Design) -> tuple[WrittenPiece, Report]:
-        """Finish the piece on the holder that costs least of those that pass every check, else on none.
-
-        Holders are planned in the order of a guess of their hours and grams, and only one that can be
-        planned is built and verified. If a check fails, the next is tried, but not under a time budget, nor
-        if the knots break a limit, nor if the same checks failed as before. One that worsens the verdict
-        gives way to one that does not and costs little more (`_keep_word`).
-        """
-        refused: list[str] = []
-        failed: set[str] = set()
-        guesses = guess_holders(made, self.targets)
-        for guess in guesses:
-            asked, design = _with_mount(request, made, guess.kind)
-            settled = self._plan(asked, design)
-            if isinstance(settled, str):
-                refused.append(f"{WORDS[guess.kind]} ({settled})")
-                continue
-            shows = _shows(settled)
-            said = _tell_choice(guess, guesses, refused, shows)
-            piece, report = self.finish(asked, settled[0], settled, said)
-            unmet = _list_failed(report)
-            once = request.time_budget_s is not None or not made.result.feasible
-            if once or (unmet and unmet == failed):
-                return piece, report
-            if not unmet:
-                later = guesses[guesses.index(guess) + 1 :] if shows >= _SEEN_SHARE else []
-                rank = _rank_word(report)
-                # no price is too high for a piece that is coarse
-                paler = [one for one in later if rank > 1 or not one.is_dear_beside(guess)]
-                if not rank or not paler:
-                    return piece, report
-                return self._keep_word(request, made, (piece, report), paler)
-            failed = unmet
-            refused.append(f"{WORDS[guess.kind]} (failed: {', '.join(sorted(unmet))})")
-            discard_piece(piece, self.folder)
-        asked, design = _with_mount(request, made, "none")
-        why = "; ".join(refused) or "none is known for this scene"
-        if made.scene.piece.supports == "none":
-            why = "members between strands need supports; --plate outline needs none"
-        return self.finish(asked, design, note=f"No holder was found: {why}.")
-
-    def _keep_word(
-        self,
-        request: Request,
-        made: Design,
-        done: tuple[WrittenPiece, Report],
-        others: Sequence[Guess],
-    ) -> tuple[WrittenPiece, Report]:
-        """Finish the piece on the first other holder that does not show; keep it if its verdict is better."""
-        for guess in others:
-            asked, design = _with_mount(request, made, guess.kind)
-            settled = self._plan(asked, design)
-            shows = 1.0 if isinstance(settled, str) else _shows(settled)
-            if isinstance(settled, str) or shows >= _SEEN_SHARE:
-                continue
-            why = f"Held by {guess}, since the shadow suffers on what takes less. --mount none leaves it out."
-            with TemporaryDirectory(dir=self.folder.work.parent) as aside:
-                discard_piece(done[0], self.folder, Path(aside))
-                other = self.finish(asked, settled[0], settled, why)
-                if not _list_failed(other[1]) and _rank_word(other[1]) < _rank_word(done[1]):
-                    return other
-                discard_piece(other[0], self.folder)
-                for path in Path(aside).iterdir():
-                    path.rename(self.folder.file(path.name))
-            break
-        return done
-
-    def _plan(self, request: Request, made: Design) -> Settled | str:
-        """Plan the piece on the requested mount, or say why that does not hold."""
-        try:
-            settled = settle(request, made, self.targets, self.progress)
-        except SceneError as error:
-            return error.why
-        sag = settled[1].mounted.check_sag()
-        if sag is not None and sag.status == "fail":
-            return f"it sags {sag.measured:.2g} mm"
-        return settled
-
-
-def make_piece(
-    shop: Workshop, request: Request, left: Budget | None
-) -> tuple[Report, str, list[WrittenPiece]]:
-    """Design one piece and finish it; return its report, its title, and the piece in a list."""
-    made = design_knots(request.scene, shop.targets, request.device, shop.progress, left)
-    finish = shop.finish_held if request.chooses_holder else shop.finish
-    piece, report = finish(request, made)
-    return report, " and ".join(target.shown for target in shop.targets), [piece]
-
-
-def _shows(settled: Settled) -> float:
-    """Return the share of the picture's frame that a holder will darken, according to its plan."""
-    return settled[1].mounted.figures.predicted_intrusion or 0.0
-
-
-def _list_failed(report: Report) -> set[str]:
-    return {check.name for check in list_unmet(report.checks) if check.status == "fail"}
-
-
-def _rank_word(report: Report) -> int:
-    """Return how many ranks a report's verdict lies below the best one; 0 without a verdict."""
-    return 0 if report.verdict is None else BEST_FIRST.index(report.verdict.word)
-
-
-def _with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:
-    """Return request and design with this kind of mount, which the search had left open."""
-    turns = not request.scene.hangs(len(made.knots.knots))
-    given = {"kind": kind, "turns": turns}
-    asked = request.scene.but(mount=request.scene.mount.but(**given))
-    own = made.scene.but(mount=made.scene.mount.but(**given))
-    return replace(request, scene=asked), replace(made, scene=own)
-
-
-def _tell_choice(
-    guess: Guess, guesses: Sequence[Guess], refused: Sequence[str], shows: float
-) -> str:
-    """Say which holder was chosen and what it costs, which cost more, and why others do not hold.
-
-    Args:
-        shows: the share of the picture's frame that the chosen one darkens.
-    """
-    others = [f"more for {one}" for one in guesses[guesses.index(guess) + 1 :]]
-    others += [f"not {one}" for one in refused]
-    dark = "" if shows < _SEEN_SHARE else f" It darkens {100 * shows:.1f}% of the picture's frame."
-    return f"Held by {'; '.join([str(guess), *others])}.{dark} --mount none leaves it out."
-
-
-def _draw(part: Part, scene: SettledScene, path: Path) -> None:
-    vertices, faces = join_meshes(part.bodies)
-    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    draw_part(seen, faces, path, place_eyes(scene.views), color=scene.material.color)
-
+from knotfab_formats.scene import ResolvedScene
 
 Kind = Literal["wall", "stand", "hang"]
 WORDS: dict[Kind, str] = {"wall": "a wall mount", "stand": "a stand", "hang": "eyelets for threads"}

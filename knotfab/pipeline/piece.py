@@ -9,18 +9,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.design.design import START_FILE, Design
 from knotfab.knots import Knots
-from knotfab.part.assemble import Part, enlarge_knots, part_of
+from knotfab.part.assemble import Part, enlarge_knots
 from knotfab.part.orient import Flattening
 from knotfab.part.slicer import SlicerQueue
 from knotfab.part.slicer_process import NotSliced, Sliced
 from knotfab.part.write import pose_scene, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Target
-from knotfab.pipeline.settle import settle_part
 from knotfab.pipeline.verifier import Files, Verifier
 from knotfab.report.summary import verdict_without_part
 from knotfab.request import Request
@@ -66,50 +64,36 @@ class WrittenPiece:
 Settled = tuple[Design, Part, Flattening | None]
 
 
-def settle(
-    request: Request, made: Design, targets: Sequence[Target], progress: Progress, suffix: str = ""
-) -> Settled:
-    """Make the part of a design, which is searched again where its mount or supports need it.
-
-    Raises:
-        SceneError: no part can be made.
-    """
-    if len(targets) == 1 and not suffix:  # frames share one depth and one wall
-        return settle_part(request, targets[0], made, progress)
-    return made, part_of(made, request.printing, targets, progress), None
-
-
 def write_piece(
     made: Design,
     targets: Sequence[Target],
+    settled: Settled | str,
     folder: OutputFolder,
     request: Request,
     verifier: Verifier,
     slicer: SlicerQueue,
     progress: Progress,
     suffix: str = "",
-    settled: Settled | None = None,
 ) -> WrittenPiece:
     """Write a design's part, knots, scene and pictures, and submit them to validators and slicer.
 
-    If no part can be made of the design, or it does not fit the printer, the verdict says why.
+    Where there is no part, the verdict says why.
 
     Args:
         targets: the pictures of all views.
+        settled: the part with the design that it is of, or why there is none.
         suffix: for the names of the files, for a frame of a sequence.
-        settled: the part, where it has been made already.
     """
     targets = tuple(targets)
     if made.region_stl is not None and made.scene.region.file is not None:
         folder.write(made.scene.region.file, made.region_stl)
     if made.start_json is not None:
         folder.write(START_FILE, made.start_json)
-    try:
-        made, part, flattening = settled or settle(request, made, targets, progress, suffix)
-    except SceneError as error:
-        why = str(error)
+    if isinstance(settled, str):
+        why = settled
         scene = write_unbuilt(folder, made, targets, suffix)
         return WrittenPiece(made, scene, None, targets, suffix, lambda: verdict_without_part(why))
+    made, part, flattening = settled
     with progress.stage("part"):
         scene = pose_scene(part)
         write_part(folder, part, scene, targets, request.colours, suffix)

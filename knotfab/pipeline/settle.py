@@ -1,4 +1,4 @@
-"""Search a piece again, flatter or nearer to the wall, if it needs too much support or no pegs hold it."""
+"""Propose where pegs hold a piece, and how flat it needs little support."""
 
 from __future__ import annotations
 
@@ -7,114 +7,20 @@ from typing import Literal
 
 import numpy as np
 
-from knotfab.base.errors import SceneError
-from knotfab.base.progress import Progress
 from knotfab.design.candidates import most_radius
-from knotfab.design.design import Design, design_knots
+from knotfab.design.design import Design
 from knotfab.design.room import least_wall_mm, most_depth_mm
 from knotfab.hold.beams import Stiffness
-from knotfab.hold.wall import NotHeldError, sag_on_pegs
+from knotfab.hold.wall import sag_on_pegs
 from knotfab.knots import Knot, Knots
-from knotfab.part.assemble import Part, part_of, rules_of
-from knotfab.part.orient import Flattening, flatter_depth
-from knotfab.picture.read import Target
+from knotfab.part.assemble import Part, rules_of
+from knotfab.part.orient import flatter_depth
 from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.scene import LIGHT_SHARE, ResolvedView
 
-ROUNDS = 2  # most further searches
 
-
-@dataclass(frozen=True)
-class _Settled:
-    """A design and its part. If it needs too much support, `proposed_mm` is a depth that would not."""
-
-    made: Design
-    part: Part
-    proposed_mm: float | None
-
-    @property
-    def over_mm(self) -> float:
-        """By how much its sag on the pegs exceeds the limit."""
-        wall, most = self.part.mounted.wall, self.part.mounted.scene.mount.max_sag_mm
-        return 0.0 if wall is None or most is None else max(wall.sag_mm - most, 0.0)
-
-
-def settle_part(
-    request: Request, target: Target, made: Design, progress: Progress
-) -> tuple[Design, Part, Flattening | None]:
-    """Make the part of a design, and search again if it needs too much support or its pegs do not hold it.
-
-    Too much support calls for less depth; pegs that do not hold, for a nearer wall and then less depth, too.
-    Nothing is searched again against the scene's own depth or wall, a free view, given start knots or a
-    time budget: the returned Flattening is then only a proposal. If no search is better, the earlier design
-    is kept.
-
-    Raises:
-        SceneError: no part can be made.
-    """
-    shallower, nearer = _may_change(request)
-    left = ROUNDS if shallower or nearer else 0
-    now, unheld, settled = made, "", list[_Settled]()
-    while True:
-        place = None
-        try:
-            found = _settle(request, target, now, progress, thoroughly=not left)
-            settled.append(found)
-            if shallower and left and found.proposed_mm is not None:
-                place = Place(found.proposed_mm, _wall_mm(now))
-        except NotHeldError as error:
-            if left:
-                with progress.stage("mount"):
-                    place = _propose_place(request, now)
-                if place is None:  # settle the design itself, trying everything
-                    left = 0
-                    continue
-                unheld = unheld or error.why
-                progress.say(
-                    f"{error.why}: searched again, {place.depth_mm:.0f} mm deep and "
-                    f"{place.wall_mm:.0f} mm from the wall"
-                )
-            elif now is made:
-                raise
-        except SceneError:
-            if now is made:
-                raise
-        if place is None:
-            break
-        try:
-            now = _search(request, target, now, place, progress)
-        except SceneError as error:
-            progress.say(f"{error.what}: {error.why}; the earlier design is kept")
-            if settled and settled[-1].made is now:
-                break
-            left = 0
-            continue
-        left -= 1
-    if not settled or (settled[-1].over_mm > 0 and settled[0].made is not made):
-        try:
-            settled.insert(0, _settle(request, target, made, progress, thoroughly=True))
-        except SceneError:
-            if not settled:
-                raise
-    kept = min(reversed(settled), key=lambda one: one.over_mm)
-    if kept.made is made:
-        unheld = ""
-        if kept.proposed_mm is None:
-            return made, kept.part, None
-    depths, walls = ([of(one) for one in (made, kept.made)] for of in (_depth_mm, _wall_mm))
-    said = Flattening(depths[0], depths[1], kept.proposed_mm, unheld, (walls[0], walls[1]))
-    return kept.made, kept.part, said
-
-
-def _settle(
-    request: Request, target: Target, made: Design, progress: Progress, *, thoroughly: bool
-) -> _Settled:
-    part = part_of(made, request.printing, [target], progress, thoroughly=thoroughly)
-    return _Settled(made, part, _propose_depth(made, part) if request.printing else None)
-
-
-def _may_change(request: Request) -> tuple[bool, bool]:
+def may_change(request: Request) -> tuple[bool, bool]:
     """Return whether the depth may be changed, and whether the wall's distance may."""
     scene = request.scene
     free = request.printing and request.time_budget_s is None and not scene.settings.start
@@ -125,30 +31,8 @@ def _may_change(request: Request) -> tuple[bool, bool]:
     return free and scene.piece.depth is None, free and wall
 
 
-def _search(
-    request: Request, target: Target, made: Design, place: Place, progress: Progress
-) -> Design:
-    """Search again at another depth and wall. A new wall changes the size, so the radius is chosen again.
-
-    Raises:
-        SceneError: no tube can draw the picture there.
-    """
-    scene, (shallower, nearer) = request.scene, _may_change(request)
-    piece, view = scene.piece, scene.views[0]
-    same = place.wall_mm == _wall_mm(made)
-    if same:
-        piece = piece.but(tube_radius_mm=made.knots.radius_mm)
-    if shallower:
-        piece = piece.but(depth=place.depth_mm)
-    if nearer and place.wall_mm != view.wall_distance_mm:
-        view = view.but(wall_distance_mm=place.wall_mm)
-    scene = scene.but(piece=piece, views=(view,))
-    again = design_knots(scene, [target], request.device, progress)
-    return replace(again, radius=made.radius) if same else again
-
-
-def _propose_place(request: Request, made: Design) -> Place | None:
-    shallower, nearer = _may_change(request)
+def propose_place_for(request: Request, made: Design) -> Place | None:
+    shallower, nearer = may_change(request)
     view, asked = made.scene.views[0], request.scene.piece.tube_radius_mm
     return propose_place(
         made.knots,
@@ -162,14 +46,14 @@ def _propose_place(request: Request, made: Design) -> Place | None:
     )
 
 
-def _propose_depth(made: Design, part: Part) -> float | None:
+def propose_depth(made: Design, part: Part) -> float | None:
     account = part.pose.account
     if account is None or account.within or made.scene.piece.depth == 0:
         return None
-    return flatter_depth(made.knots, _depth_mm(made), rules_of(made.scene))
+    return flatter_depth(made.knots, depth_mm(made), rules_of(made.scene))
 
 
-def _depth_mm(made: Design) -> float:
+def depth_mm(made: Design) -> float:
     return float(np.ptp(made.knots.points @ view_axes(made.scene.views[0])[2]))
 
 
@@ -177,7 +61,7 @@ def tell_depth(asked: float | None, made: Design) -> list[str]:
     """Return a note if the centre lines take 30 % more depth than was asked for."""
     if not asked or len(made.scene.views) > 1:
         return []
-    found = _depth_mm(made)
+    found = depth_mm(made)
     if found <= 1.3 * asked:
         return []
     return [
@@ -187,7 +71,7 @@ def tell_depth(asked: float | None, made: Design) -> list[str]:
     ]
 
 
-def _wall_mm(made: Design) -> float:
+def wall_mm(made: Design) -> float:
     return made.scene.views[0].wall_distance_mm
 
 

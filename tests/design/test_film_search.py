@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from shapely import MultiPolygon, Point, affinity, box
 from validator_parts import trefoil
 
 from knotfab.base.arrays import Array
+from knotfab.base.progress import Progress
 from knotfab.design import film_search as starts
 from knotfab.design.film_motion import Anchor, outline_motion
 from knotfab.design.film_search import (
@@ -36,6 +38,7 @@ from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.knots import Knot, Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.limits.terms import Limits
+from knotfab.plan import Attempts, Steps
 from knotfab.problem import CertificateLog, Problem, SearchResult, TargetView
 from knotfab.search.search import search
 from knotfab.start.start import make_start
@@ -55,6 +58,13 @@ QUICK = PRESETS["draft"].model_copy(
 )
 DISC = MultiPolygon([Point(-4, 0).buffer(30.0)])
 MOVED = affinity.translate(DISC, 8.0, 3.0)
+
+
+T = TypeVar("T")
+
+
+def carry_out(steps: Steps[T]) -> T:
+    return Attempts(Progress("quiet")).carry_out(steps)
 
 
 def ask_one(polygon: MultiPolygon) -> Problem:
@@ -84,7 +94,7 @@ def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> No
     problems = ask_one(DISC), ask_one(MOVED)
     length = 1.1 * first.knots.knots[0].length_mm
     start = Knots((trefoil,), RADIUS)  # the type goes along, whatever it is
-    found = search_frame(start, rings, problems, RADIUS, QUICK, length, [anchor])
+    found = carry_out(search_frame(start, rings, problems, RADIUS, QUICK, length, [anchor]))
     assert found.sound and found.result.feasible and found.beyond_mm <= 0
     assert found.points.shape == before.shape  # the same vertices, in their order
     assert found.result.knots.knots[0].type == "trefoil"
@@ -100,9 +110,13 @@ def test_a_finished_frame_has_twice_the_vertices_within_limits(first: SearchResu
     points = first.knots.points
     bends = first.feasibility.bend_mm
     stiff = replace(ask_one(DISC), bend_radius=1.02 * bends)
-    still = finish_frame(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, [])
+    still = carry_out(
+        finish_frame(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, [])
+    )
     anchor = Anchor(still.points, 2.0, RADIUS)
-    found = finish_frame(logged_anew(first), rings_of(points), stiff, RADIUS, QUICK, [anchor])
+    found = carry_out(
+        finish_frame(logged_anew(first), rings_of(points), stiff, RADIUS, QUICK, [anchor])
+    )
     for frame in (still, found):
         assert len(frame.points) == 2 * len(points)
         assert frame.sound and frame.result.log.certified
@@ -122,7 +136,9 @@ def test_a_bound_that_cannot_be_kept_is_told(first: SearchResult) -> None:
     points = first.knots.points
     far = np.repeat(points, 2, axis=0) + [40.0, 0.0, 0.0]
     held = [Anchor(far, 1.0, RADIUS)]
-    torn = finish_frame(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, held)
+    torn = carry_out(
+        finish_frame(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, held)
+    )
     assert not torn.sound and torn.beyond_mm > 0
 
 
@@ -140,8 +156,8 @@ def test_a_knot_that_stays_still_is_the_same_knot(first: SearchResult) -> None:
     anchor = Anchor(points, RADIUS, RADIUS)
     settings = QUICK.scaled(1.0)
     rings = rings_of(points)
-    found = search_frame(
-        first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], "cpu", None, True
+    found = carry_out(
+        search_frame(first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], None, True)
     )
     assert np.array_equal(found.points, points)
     assert found.sound and found.result.log.certified and found.transported == 0.0
@@ -254,10 +270,10 @@ class _Follow:
         settings: SearchSettings,
         taut_mm: float,
         anchors: Sequence[Anchor],
-        device: str,
         report: object,
         still: bool,
-    ) -> FrameResult:
+    ) -> Steps[FrameResult]:
+        yield from ()
         more = settings.fine_iterations > 10
         asked = int(before.points[0, 0]), len(anchors) == 2, more, still
         self.asked.append(asked)
@@ -274,7 +290,12 @@ def _search(
 ) -> tuple[Trial, list[Asked]]:
     """Search frame 3 after frames 0, 1 and 2, whose knots hold their numbers as coordinates."""
     monkeypatch.setattr(starts, "search_frame", follow)
-    monkeypatch.setattr(starts, "finish_frame", lambda found, *_: FrameResult(found, -1.0))
+
+    def finish(found: SearchResult, *_: object) -> Steps[FrameResult]:
+        yield from ()
+        return FrameResult(found, -1.0)
+
+    monkeypatch.setattr(starts, "finish_frame", finish)
     monkeypatch.setattr(starts, "opening_iou", lambda *_: 0.99)
     view = ResolvedView(frame_width_mm=80.0, frame_height_mm=80.0)
     target = TargetView(view, _legs(10), MultiPolygon([box(0, 0, 9, 9)]))
@@ -287,7 +308,7 @@ def _search(
     following = Following(
         3, known, fine, (problem,) * 4, rings, 2.0, settings, 100.0, ties, "simple"
     )
-    return following.search(attempts, lambda *_: None), follow.asked
+    return carry_out(following.search(attempts, lambda *_: None)), follow.asked
 
 
 def test_the_first_trial_that_serves_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,11 +19,12 @@ from knotfab.design import design
 from knotfab.design.budget import Budget, cut_settings, require_budget
 from knotfab.design.design import design_knots, price_design
 from knotfab.design.question import Question
-from knotfab.design.retries import SHORT, is_better, price_limits, start_without_bumps
+from knotfab.design.retries import SHORT, is_better, plan_prices, start_without_bumps
 from knotfab.design.settings import outline_px, refine_mesh, suit_settings
 from knotfab.geometry.tube import sweep
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import read_target
+from knotfab.plan import Attempts
 from knotfab.problem import Problem
 from knotfab.report.report import check_limits, tell_binding
 from knotfab.scene.catalogue import resolve
@@ -199,7 +200,14 @@ def test_more_is_given_only_while_what_follows_does_not_fit() -> None:
 
 def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[bool] = []
-    monkeypatch.setattr(design, "price_limits", lambda *_: asked.append(True) or ())
+
+    def plan_prices(*_: object) -> Any:
+        yield from ()
+        asked.append(True)
+        return ()
+
+    monkeypatch.setattr(design, "plan_prices", plan_prices)
+    quiet = Progress("quiet")
     knots = SimpleNamespace(radius_mm=2.0, knots=[SimpleNamespace(points=np.zeros((9, 3)))])
     made = design.Design(None, knots, None, None, 1.0, PRESETS["draft"])  # type: ignore[arg-type]
     unmet: Any = SimpleNamespace(feasible=False, feasibility="broken", iou_estimate=0.5)
@@ -208,7 +216,8 @@ def test_no_price_is_asked_once_the_budget_is_spent(monkeypatch: pytest.MonkeyPa
     for left, prices in ((-1.0, 0), (60.0, 1)):
         budget = Budget(time.perf_counter() + left)
         start: Any = object()
-        found = price_design(made, question, start, unmet, Progress("quiet"), budget=budget)
+        plan = price_design(made, question, start, unmet, quiet, budget)
+        found = Attempts(quiet).carry_out(plan)
         assert found.unmet == unmet.feasibility and len(asked) == prices
 
 
@@ -238,7 +247,8 @@ def test_several_views_have_their_prices_too(monkeypatch: pytest.MonkeyPatch) ->
     problem = ask_views([disc, disc], 0.0, 90.0, pixels=100, length=480.0)
     start = make_start(problem, 5.0, settings)
     result = start_and_search(problem, 5.0, settings, start, repairs=0)
-    [price] = price_limits(problem, start, result, settings, problem.region)
+    plan = plan_prices(problem, start, result, settings, problem.region)
+    [price] = Attempts(Progress("quiet")).carry_out(plan)
     assert price.limits == ("length",)
     assert price.asked[0] == 480.0 and price.needed[0] > 600.0
     assert price.iou_without > price.iou + 0.05

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from command import Done, knotfab
 from numpy.typing import NDArray
 from PIL import Image
 
-import knotfab.pipeline.held as finishing
+import knotfab.pipeline.plan as planning
 from knotfab.design.design import Design
 from knotfab.report.summary import CHECKS
 from knotfab_formats.search import PRESETS
@@ -44,18 +45,31 @@ class Good:
         self.knots: dict[str, Any] = json.loads((folder / "knots.json").read_text())
 
 
+def found(design: Callable[..., Design]) -> Callable[..., Any]:
+    """A plan without a search, which ends with what `design` returns."""
+
+    def plan_searches(*asked: Any) -> Any:
+        yield from ()
+        return design(*asked)
+
+    return plan_searches
+
+
+AFTER = {"part on no mount", "piece on no mount"}  # steps of one way, which need no reason
+
+
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
     folder = tmp_path_factory.mktemp("good") / "out"
     designs: list[Design] = []
 
-    def design(*arguments: Any) -> Design:
-        designs.append(original(*arguments))
+    def design(*arguments: Any) -> Any:
+        designs.append((yield from original(*arguments)))
         return designs[-1]
 
-    original = finishing.design_knots
+    original = planning.plan_searches
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(finishing, "design_knots", design)
+        patch.setattr(planning, "plan_searches", design)
         call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
         # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
         bare = "--print", "--mount", "none", "--supports", "slicer", "--skip", "slicer"
@@ -67,7 +81,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
 @pytest.fixture
 def designed(good: Good, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A build whose search is done already: only what follows it runs."""
-    monkeypatch.setattr(finishing, "design_knots", lambda *arguments: good.design)
+    monkeypatch.setattr(planning, "plan_searches", found(lambda *_: good.design))
     return ["build", "text:♥", "--tube-radius", str(RADIUS)]
 
 
@@ -197,6 +211,15 @@ def test_the_report_page_opens_offline(good: Good) -> None:
     assert page.count("data:image/png;base64,") >= 2
 
 
+def test_every_attempt_is_told_with_what_came_of_it(good: Good) -> None:
+    told = good.report["attempts"]
+    assert told[0]["what"].startswith("search: ")
+    assert [one["what"] for one in told[-2:]] == ["part on no mount", "piece on no mount"]
+    assert told[-1]["outcome"].startswith("passes every check") and "why_next" not in told[-1]
+    assert all("why_next" in one or told[k + 1]["what"] in AFTER for k, one in enumerate(told[:-1]))
+    assert sum(one["seconds"] for one in told) <= good.report["timings"]["total"]
+
+
 def test_the_scene_is_resolved(good: Good) -> None:
     text = (good.folder / "scene.toml").read_text(encoding="utf-8")
     scene = tomllib.loads(text)
@@ -236,7 +259,7 @@ def test_a_printed_piece_gets_the_cheapest_holder_and_the_scene_gives_it_again(
         made = good.design.scene
         return replace(good.design, scene=made.but(mount=scene.mount, pose=scene.pose))
 
-    monkeypatch.setattr(finishing, "design_knots", design)
+    monkeypatch.setattr(planning, "plan_searches", found(design))
     out, repeated = tmp_path / "out", tmp_path / "again"
     call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft", "--print"]
     call += [*UNREAD, *UNSEEN, "--skip", "shadow-render", "--quiet"]
@@ -277,7 +300,7 @@ def test_what_does_not_print_without_supports_is_built_again_with_them(
         piece = good.design.scene.piece.but(supports=ways[-1])
         return replace(good.design, scene=good.design.scene.but(piece=piece))
 
-    monkeypatch.setattr(finishing, "design_knots", design)
+    monkeypatch.setattr(planning, "plan_searches", found(design))
     out = tmp_path / "out"
     call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
     way = "--print", "--mount", "none", "--supports", "auto"
@@ -352,7 +375,7 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     asked = good.design.scene
     strict = asked.accuracy.model_copy(update={"iou_floor": 0.9999})
     stricter = replace(good.design, scene=asked.model_copy(update={"accuracy": strict}))
-    monkeypatch.setattr(finishing, "design_knots", lambda *arguments: stricter)
+    monkeypatch.setattr(planning, "plan_searches", found(lambda *_: stricter))
     out = tmp_path / "out"
     shutil.copytree(good.folder, out)
     before = contents(out)

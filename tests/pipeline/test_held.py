@@ -12,10 +12,14 @@ import numpy as np
 import pytest
 from pieces import EMPTY, VIEW, knots, ring
 
+from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
+from knotfab.base.progress import Progress
 from knotfab.effects.base import World
-from knotfab.pipeline import held
-from knotfab.pipeline.held import Guess, Workshop, can_hold, guess_holders
+from knotfab.pipeline import plan as planning
+from knotfab.pipeline.held import Guess, can_hold, guess_holders
+from knotfab.pipeline.plan import Workshop, plan_holders, with_mount
+from knotfab.plan import Attempts
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.print_figures import MountFigures
@@ -76,12 +80,17 @@ class Played(Workshop):
         self.__dict__.update(fails=fails, unheld=unheld, words=words, built=[])
         return self
 
-    def _plan(self, request: Request, made: Any) -> Any:
+    def settle(self, request: Request, _: Any, made: Any, *__: Any) -> Any:
+        """Stand in for `plan_places`."""
+        yield from ()
         kind = made.scene.mount.kind
         dark = 0.008 if kind == "hang" else 0.0
         figures = MountFigures(kind=kind, predicted_intrusion=dark)
-        part = SimpleNamespace(mounted=SimpleNamespace(figures=figures))
-        return "nothing reaches it" if kind in self.__dict__["unheld"] else (made, part, None)
+        mounted = SimpleNamespace(figures=figures, check_sag=lambda: None)
+        part = SimpleNamespace(mounted=mounted)
+        if kind in self.__dict__["unheld"]:
+            raise SceneError("the mount", "nothing reaches it", "")
+        return made, part, None
 
     def finish(self, request: Request, made: Any, settled: Any = None, note: str = "") -> Any:
         kind = made.scene.mount.kind
@@ -103,9 +112,13 @@ def finish_held(
 ) -> tuple[Played, str, str]:
     """The workshop when it is done, the mount of the part that lies in its folder, and the piece's note."""
     nothing: Any = None
-    with OutputFolder(place / "out") as folder:
-        shop = Played([TARGET], folder, nothing, nothing, nothing).play(fails, unheld, words)
-        piece, _ = shop.finish_held(request, made_of(request.scene))
+    attempts = Attempts(Progress("quiet"))
+    with OutputFolder(place / "out") as folder, pytest.MonkeyPatch.context() as patch:
+        shop = Played([TARGET], folder, nothing, nothing, attempts.progress)
+        shop.play(fails, unheld, words)
+        patch.setattr(planning, "plan_places", shop.settle)
+        piece, _ = attempts.carry_out(plan_holders(shop, request, made_of(request.scene)))
+        assert len(attempts.made) == len(shop.__dict__["built"])
         (file,) = folder.work.iterdir()
         assert piece.scene.mount.kind == file.read_text()
         return shop, file.read_text(), str(piece.note)
@@ -189,7 +202,7 @@ def test_the_scene_that_is_written_is_searched_as_the_one_left_open_was() -> Non
     for of in (ONE, TWO):
         count = len(of.knots)
         request = Request(scene_of(), (), Path(), printing=True)
-        asked, made = held._with_mount(request, made_of(request.scene, of), "hang")
+        asked, made = with_mount(request, made_of(request.scene, of), "hang")
         for scene in (asked.scene, made.scene):
             taken, left_open = (
                 World.from_scene(one).holding(count) for one in (scene, request.scene)

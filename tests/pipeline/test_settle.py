@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pieces import ring
 
-import knotfab.pipeline.settle as settling
+import knotfab.pipeline.plan as planning
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import design_knots
@@ -20,7 +20,9 @@ from knotfab.hold.wall import NotHeldError
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import Target, read_target
 from knotfab.pipeline.finish import tell_other_tube
-from knotfab.pipeline.settle import Place, settle_part, tell_depth
+from knotfab.pipeline.plan import plan_places
+from knotfab.pipeline.settle import Place, tell_depth
+from knotfab.plan import Attempts
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
@@ -108,13 +110,22 @@ def run(
 
 def settle(maker: Maker, scene: str, patch: pytest.MonkeyPatch, **keys: Any) -> tuple[Any, Any]:
     """The design that is kept, and what is said of it."""
-    patch.setattr(settling, "design_knots", maker.design)
-    patch.setattr(settling, "part_of", maker.part)
+
+    def plan_searches(*asked: Any) -> Any:
+        return maker.design(*asked)
+        yield
+
+    patch.setattr(planning, "plan_searches", plan_searches)
+    patch.setattr(planning, "part_of", maker.part)
     request = Request(
         resolve(parse_scene(scene)), ("i",), Path("out"), **{"printing": True, **keys}
     )
     first = replace(maker.design(request.scene), radius="chosen")
-    made, _, said = settle_part(request, maker.target, first, Progress("quiet"))
+    attempts = Attempts(Progress("quiet"))
+    made, _, said = attempts.carry_out(
+        plan_places(request, [maker.target], first, attempts.progress)
+    )
+    assert len(attempts.made) == len(maker.thoroughly)
     return made, said
 
 
@@ -150,7 +161,7 @@ def test_it_is_searched_no_oftener_than_that(
     target: Target, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     maker, said = run(target, "", 0.0, monkeypatch)
-    assert 2 <= len(maker.asked) <= 1 + settling.ROUNDS and said.unheld == MESSAGE
+    assert 2 <= len(maker.asked) <= 1 + planning.ROUNDS and said.unheld == MESSAGE
     assert maker.thoroughly[-1] and not any(maker.thoroughly[:-1])
 
 
@@ -189,7 +200,7 @@ def test_less_depth_for_supports_is_taken_where_it_is_found(
 ) -> None:
     maker = Maker(target, 100.0, unmade=unmade)
     asks = {0: 45.0}  # the supports of the first design alone
-    monkeypatch.setattr(settling, "_propose_depth", lambda made, _: asks.get(made.number))
+    monkeypatch.setattr(planning, "propose_depth", lambda made, _: asks.get(made.number))
     made, said = settle(maker, "", monkeypatch)
     assert [scene.piece.depth for scene in maker.asked] == [None, 45.0]
     assert (said.from_mm, said.to_mm) == pytest.approx((90.0, kept_mm))
@@ -260,7 +271,9 @@ def test_what_was_moved_to_its_wall_repeats_from_its_scene() -> None:
     request = Request(resolve(scene), ("=",), Path("out"), printing=True)
     far: Any = Maker(target, 0.0).design(scene)
     quiet = Progress("quiet")
-    made = settling._search(request, target, far, Place(20.0, 60.0), quiet)
+    made = Attempts(quiet).carry_out(
+        planning.search_again(request, [target], far, Place(20.0, 60.0), quiet, "")
+    )
     assert made.scene.views[0].wall_distance_mm == 60.0 and made.scene.piece.depth == 20.0
     again = design_knots(resolve(parse_scene(dump_scene(made.scene))), [target])
     assert again.scene == made.scene

@@ -26,8 +26,8 @@ from knotfab.geometry.tube import sweep
 from knotfab.knots import Knots
 from knotfab.picture.raster import encode_image
 from knotfab.picture.silhouette import fit_size, mask_iou
+from knotfab.plan import Search
 from knotfab.problem import Problem
-from knotfab.search.search import search
 from knotfab.start.legibility import legibility, stretch_mask
 from knotfab_formats.scene import VERIFIED_PX
 from knotfab_formats.search import SearchSettings
@@ -141,7 +141,7 @@ def run_point(study: Study, settings: SearchSettings, judge: bool = True) -> Run
     question, radius, start, _ = choose_tube(study.question, settings, progress)
     problem, radius_s = question.problem, progress.timings.get("radius", 0.0)
     settings = refine_settings(question, settings, radius)
-    result = search(problem, start, radius, settings)
+    result = Search("a study", problem, start, radius, settings).make()
     feasible = result.feasible
     searched = time.perf_counter()
     faces = 0

@@ -1,0 +1,396 @@
+"""Plan a piece: which supports, depth, wall and holder are tried, in which order, and which is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from knotfab.base.errors import SceneError
+from knotfab.base.folder import OutputFolder
+from knotfab.base.progress import Progress
+from knotfab.design.budget import Budget
+from knotfab.design.design import Design, plan_searches
+from knotfab.geometry.tube import join_meshes
+from knotfab.hold.modeller import rest_modeller
+from knotfab.hold.wall import NotHeldError
+from knotfab.part.assemble import Part, part_of
+from knotfab.part.orient import Flattening
+from knotfab.part.slicer import SlicerQueue
+from knotfab.part.slicer_profile import write_profile
+from knotfab.picture.read import Target
+from knotfab.pipeline.finish import report_piece
+from knotfab.pipeline.held import WORDS, Guess, guess_holders
+from knotfab.pipeline.piece import Settled, WrittenPiece, discard_piece, write_piece
+from knotfab.pipeline.settle import (
+    Place,
+    depth_mm,
+    may_change,
+    propose_depth,
+    propose_place_for,
+    wall_mm,
+)
+from knotfab.pipeline.verifier import Verifier
+from knotfab.plan import Steps
+from knotfab.render.part_picture import draw_part, place_eyes
+from knotfab.report.page import load_template
+from knotfab.request import Request
+from knotfab_formats.report import Report
+from knotfab_formats.scene import SettledScene
+from knotfab_formats.verdict import WORDS as BEST_FIRST
+from knotfab_formats.verdict import list_unmet
+
+_SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
+ROUNDS = 2  # most further searches of a piece on one holder
+_HOLDERS = {"none": "no mount"} | {str(kind): told for kind, told in WORDS.items()}
+Made = tuple[WrittenPiece, Report]
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """What is needed to finish a piece: its pictures, its folder, verifier and slicer."""
+
+    targets: Sequence[Target]
+    folder: OutputFolder
+    verifier: Verifier
+    slicer: SlicerQueue
+    progress: Progress
+
+    def finish(
+        self, request: Request, made: Design, settled: Settled | str, note: str = ""
+    ) -> Made:
+        """Write a design's piece, have it verified and sliced, and report it.
+
+        Args:
+            settled: its part, or why there is none. note: a sentence for the report.
+        """
+        folder, progress = self.folder, self.progress
+        if request.printing:
+            write_profile(folder.work, made.scene)
+        work = folder, request, self.verifier, self.slicer, progress
+        piece = write_piece(made, self.targets, settled, *work)
+        piece = replace(piece, notes=(*piece.notes, *filter(None, [note])))
+        rest_modeller()
+        if piece.part is not None:
+            with progress.stage("verify"):  # while the validators measure
+                _draw(piece.part, piece.scene, folder.file("part.png"))
+                load_template()
+        return piece, report_piece(piece, folder, request, progress)
+
+
+def _draw(part: Part, scene: SettledScene, path: Path) -> None:
+    vertices, faces = join_meshes(part.bodies)
+    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
+    draw_part(seen, faces, path, place_eyes(scene.views), color=scene.material.color)
+
+
+def plan_piece(shop: Workshop, request: Request, left: Budget | None) -> Steps[Made]:
+    """Plan one piece: its searches, then the places and holders on which it is tried."""
+    made = yield from plan_searches(
+        request.scene, shop.targets, request.device, shop.progress, left
+    )
+    if request.chooses_holder:
+        return (yield from plan_holders(shop, request, made))
+    return (yield from _plan_held(shop, request, made))
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A piece to be written, verified and reported: its part as settled, or why there is none."""
+
+    shop: Workshop
+    request: Request
+    design: Design
+    settled: Settled | str
+    note: str = ""
+    why: str = ""  # its part was tried for that reason already
+
+    @property
+    def what(self) -> str:
+        return f"piece on {_HOLDERS.get(self.request.scene.mount.kind, 'its mount')}"
+
+    def make(self) -> Made:
+        return self.shop.finish(self.request, self.design, self.settled, self.note)
+
+    def judge(self, made: Made) -> str:
+        failed, verdict = list_failed(made[1]), made[1].verdict
+        word = "" if verdict is None else f", {verdict.word}"
+        return (f"failed: {', '.join(sorted(failed))}" if failed else "passes every check") + word
+
+
+def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
+    """Plan the piece on the holder that costs least of those that pass every check, else on none.
+
+    Holders are settled in the order of a guess of their hours and grams, and only one that can be settled is
+    built and verified. If a check fails, the next is tried, but not under a time budget, nor if the knots
+    break a limit, nor if the same checks failed as before. One that worsens the verdict gives way to one
+    that does not and costs little more.
+    """
+    refused: list[str] = []
+    failed: set[str] = set()
+    guesses, why = guess_holders(made, shop.targets), ""
+    for guess in guesses:
+        asked, design = with_mount(request, made, guess.kind)
+        settled = yield from _settle_held(shop, asked, design, why)
+        if isinstance(settled, str):
+            why = f"{WORDS[guess.kind]}: {settled}"
+            refused.append(f"{WORDS[guess.kind]} ({settled})")
+            continue
+        shows = _shows(settled)
+        said = _tell_choice(guess, guesses, refused, shows)
+        done: Made = yield _Piece(shop, asked, settled[0], settled, said)
+        unmet = list_failed(done[1])
+        once = request.time_budget_s is not None or not made.result.feasible
+        if once or (unmet and unmet == failed):
+            return done
+        if not unmet:
+            later = guesses[guesses.index(guess) + 1 :] if shows >= _SEEN_SHARE else []
+            rank = _rank_word(done[1])
+            # no price is too high for a piece that is coarse
+            paler = [one for one in later if rank > 1 or not one.is_dear_beside(guess)]
+            if not rank or not paler:
+                return done
+            return (yield from _plan_paler(shop, request, made, done, paler))
+        failed = unmet
+        why = f"{WORDS[guess.kind]} failed: {', '.join(sorted(unmet))}"
+        refused.append(f"{WORDS[guess.kind]} (failed: {', '.join(sorted(unmet))})")
+        discard_piece(done[0], shop.folder)
+    asked, design = with_mount(request, made, "none")
+    told = "; ".join(refused) or "none is known for this scene"
+    if made.scene.piece.supports == "none":
+        told = "members between strands need supports; --plate outline needs none"
+    return (yield from _plan_held(shop, asked, design, why, f"No holder was found: {told}."))
+
+
+def _plan_held(
+    shop: Workshop, request: Request, made: Design, why: str = "", note: str = ""
+) -> Steps[Made]:
+    """Plan the piece on the request's own mount, whatever comes of it."""
+    try:
+        settled: Settled | str = yield from plan_places(
+            request, shop.targets, made, shop.progress, why
+        )
+    except SceneError as error:
+        settled = str(error)
+    done: Made = yield _Piece(shop, request, made, settled, note)
+    return done
+
+
+def _plan_paler(
+    shop: Workshop, request: Request, made: Design, done: Made, others: Sequence[Guess]
+) -> Steps[Made]:
+    """Plan the piece on the first other holder that does not show; keep it if its verdict is better."""
+    why = "the shadow suffers on what takes less"
+    for guess in others:
+        asked, design = with_mount(request, made, guess.kind)
+        settled = yield from _settle_held(shop, asked, design, why)
+        if isinstance(settled, str) or _shows(settled) >= _SEEN_SHARE:
+            continue
+        note = f"Held by {guess}, since {why}. --mount none leaves it out."
+        with TemporaryDirectory(dir=shop.folder.work.parent) as aside:
+            discard_piece(done[0], shop.folder, Path(aside))
+            other: Made = yield _Piece(shop, asked, settled[0], settled, note)
+            if not list_failed(other[1]) and _rank_word(other[1]) < _rank_word(done[1]):
+                return other
+            discard_piece(other[0], shop.folder)
+            for path in Path(aside).iterdir():
+                path.rename(shop.folder.file(path.name))
+        break
+    return done
+
+
+def _settle_held(shop: Workshop, request: Request, made: Design, why: str) -> Steps[Settled | str]:
+    """Plan the part on the requested mount, or say why that does not hold."""
+    try:
+        settled = yield from plan_places(request, shop.targets, made, shop.progress, why)
+    except SceneError as error:
+        return error.why
+    sag = settled[1].mounted.check_sag()
+    if sag is not None and sag.status == "fail":
+        return f"it sags {sag.measured:.2g} mm"
+    return settled
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """A design and its part. If it needs too much support, `proposed_mm` is a depth that would not."""
+
+    made: Design
+    part: Part
+    proposed_mm: float | None
+
+    @property
+    def over_mm(self) -> float:
+        """By how much its sag on the pegs exceeds the limit."""
+        wall, most = self.part.mounted.wall, self.part.mounted.scene.mount.max_sag_mm
+        return 0.0 if wall is None or most is None else max(wall.sag_mm - most, 0.0)
+
+
+@dataclass(frozen=True)
+class _PartOf:
+    """A part to be made of a design, for print with its mount and supports."""
+
+    request: Request
+    targets: Sequence[Target]
+    design: Design
+    progress: Progress
+    thoroughly: bool
+    why: str = ""
+
+    @property
+    def what(self) -> str:
+        return f"part on {_HOLDERS.get(self.request.scene.mount.kind, 'its mount')}"
+
+    def make(self) -> _Settled:
+        part = part_of(
+            self.design,
+            self.request.printing,
+            self.targets,
+            self.progress,
+            thoroughly=self.thoroughly,
+        )
+        one = len(self.targets) == 1 and self.request.printing
+        return _Settled(self.design, part, propose_depth(self.design, part) if one else None)
+
+    def judge(self, made: _Settled) -> str:
+        if made.over_mm > 0:
+            return f"it sags {made.over_mm:.2g} mm too much"
+        if made.proposed_mm is not None:
+            return f"it needs much support; {made.proposed_mm:.0f} mm deep it would not"
+        return "made"
+
+
+def plan_places(
+    request: Request, targets: Sequence[Target], made: Design, progress: Progress, why: str = ""
+) -> Steps[Settled]:
+    """Plan the part of a design, and further searches if it needs too much support or no pegs hold it.
+
+    Too much support calls for less depth; pegs that do not hold, for a nearer wall and then less depth, too.
+    Nothing is searched again against the scene's own depth or wall, a free view, given start knots or a
+    time budget: the returned Flattening is then only a proposal. If no search is better, the earlier design
+    is kept. Several pictures settle depth and wall by themselves.
+
+    Raises:
+        SceneError: no part can be made.
+    """
+    if len(targets) > 1:
+        only: _Settled = yield _PartOf(request, targets, made, progress, True, why)
+        return made, only.part, None
+    shallower, nearer = may_change(request)
+    left = ROUNDS if shallower or nearer else 0
+    now, unheld, settled = made, "", list[_Settled]()
+    while True:
+        place = None
+        try:
+            found: _Settled = yield _PartOf(request, targets, now, progress, not left, why)
+            settled.append(found)
+            if shallower and left and found.proposed_mm is not None:
+                place = Place(found.proposed_mm, wall_mm(now))
+                why = "it needs too much support"
+        except NotHeldError as error:
+            if left:
+                with progress.stage("mount"):
+                    place = propose_place_for(request, now)
+                why = error.why
+                if place is None:  # settle the design itself, trying everything
+                    left = 0
+                    continue
+                unheld = unheld or why
+            elif now is made:
+                raise
+        except SceneError:
+            if now is made:
+                raise
+        if place is None:
+            break
+        try:
+            now = yield from search_again(request, targets, now, place, progress, why)
+            why = ""
+        except SceneError as error:
+            progress.say(f"{error.what}: {error.why}; the earlier design is kept")
+            if settled and settled[-1].made is now:
+                break
+            left = 0
+            continue
+        left -= 1
+    if not settled or (settled[-1].over_mm > 0 and settled[0].made is not made):
+        try:
+            why = "the first design is tried with all that may help"
+            settled.insert(0, (yield _PartOf(request, targets, made, progress, True, why)))
+        except SceneError:
+            if not settled:
+                raise
+    kept = min(reversed(settled), key=lambda one: one.over_mm)
+    if kept.made is made:
+        unheld = ""
+        if kept.proposed_mm is None:
+            return made, kept.part, None
+    depths, walls = ([of(one) for one in (made, kept.made)] for of in (depth_mm, wall_mm))
+    said = Flattening(depths[0], depths[1], kept.proposed_mm, unheld, (walls[0], walls[1]))
+    return kept.made, kept.part, said
+
+
+def search_again(
+    request: Request,
+    targets: Sequence[Target],
+    made: Design,
+    place: Place,
+    progress: Progress,
+    why: str,
+) -> Steps[Design]:
+    """Plan the searches at another depth and wall. A new wall changes the size, and so the radius.
+
+    Raises:
+        SceneError: no tube can draw the picture there.
+    """
+    scene, (shallower, nearer) = request.scene, may_change(request)
+    piece, view = scene.piece, scene.views[0]
+    same = place.wall_mm == wall_mm(made)
+    if same:
+        piece = piece.but(tube_radius_mm=made.knots.radius_mm)
+    if shallower:
+        piece = piece.but(depth=place.depth_mm)
+    if nearer and place.wall_mm != view.wall_distance_mm:
+        view = view.but(wall_distance_mm=place.wall_mm)
+    scene = scene.but(piece=piece, views=(view,))
+    again = yield from plan_searches(scene, targets, request.device, progress, None, why)
+    return replace(again, radius=made.radius) if same else again
+
+
+def _shows(settled: Settled) -> float:
+    """Return the share of the picture's frame that a holder will darken, according to its plan."""
+    return settled[1].mounted.figures.predicted_intrusion or 0.0
+
+
+def list_failed(report: Report) -> set[str]:
+    """Return the names of the required checks that failed."""
+    return {check.name for check in list_unmet(report.checks) if check.status == "fail"}
+
+
+def _rank_word(report: Report) -> int:
+    """Return how many ranks a report's verdict lies below the best one; 0 without a verdict."""
+    return 0 if report.verdict is None else BEST_FIRST.index(report.verdict.word)
+
+
+def with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:
+    """Return request and design with this kind of mount, which the search had left open."""
+    turns = not request.scene.hangs(len(made.knots.knots))
+    given = {"kind": kind, "turns": turns}
+    asked = request.scene.but(mount=request.scene.mount.but(**given))
+    own = made.scene.but(mount=made.scene.mount.but(**given))
+    return replace(request, scene=asked), replace(made, scene=own)
+
+
+def _tell_choice(
+    guess: Guess, guesses: Sequence[Guess], refused: Sequence[str], shows: float
+) -> str:
+    """Say which holder was chosen and what it costs, which cost more, and why others do not hold.
+
+    Args:
+        shows: the share of the picture's frame that the chosen one darkens.
+    """
+    others = [f"more for {one}" for one in guesses[guesses.index(guess) + 1 :]]
+    others += [f"not {one}" for one in refused]
+    dark = "" if shows < _SEEN_SHARE else f" It darkens {100 * shows:.1f}% of the picture's frame."
+    return f"Held by {'; '.join([str(guess), *others])}.{dark} --mount none leaves it out."
