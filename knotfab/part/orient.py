@@ -15,7 +15,7 @@ from knotfab.geometry.tube import face_normals
 from knotfab.knots import Knot, Knots
 from knotfab_formats.print_figures import Flatter
 
-# ResolvedScene to bed, in order of preference: back down (the light above), a side down, and the reverses.
+# From scene to bed, in order of preference: back down (the light above), a side down, and the reverses.
 AXES = (
     np.eye(3),
     np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),

@@ -19,10 +19,9 @@ from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_
 from knotfab_formats.print_figures import PoseFigures, TurnFigures
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
-# a share of a frame that would fit: the search does not give the same piece again, only smaller
+# a share of the size that would fit: a search does not give the same piece again, only smaller
 SPARE = 0.005
 
-ORIENTATIONS = AXES[:3]
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -78,7 +77,7 @@ def choose_pose(
     knots: Knots,
     tubes: Sequence[Mesh],
     build_volume_mm: tuple[float, float, float],
-    frame_mm: tuple[float, float] | None = None,
+    frame_mm: tuple[float, float],
     upright: Array | None = None,
     rules: Rules | None = None,
     fixed_mm: tuple[float, float, float] | None = None,
@@ -95,7 +94,7 @@ def choose_pose(
         knots: in scene coordinates.
         tubes: their meshes (vertices (n, 3) mm, faces), scene coordinates.
         build_volume_mm: width, depth and height of the printer.
-        frame_mm: width and height of the picture's frame, for the advice when nothing fits.
+        frame_mm: width and height of the picture's frame, for the size that would fit.
         upright: (3, 3) the rotation from scene to bed that a mount asks for; then only rotations
             about the vertical are tried. The meshes are then whatever is to be printed, mount and
             all.
@@ -108,7 +107,7 @@ def choose_pose(
     """
     points = _hull_corners(np.concatenate([vertices for vertices, _ in tubes]))
     room = np.asarray(build_volume_mm, dtype=np.float64)
-    sides = ORIENTATIONS if upright is None else (upright,)
+    sides = AXES[:3] if upright is None else (upright,)
     if rules is not None and upright is None:
         strands = strands_of(knots)
         turns = propose_turns(strands)
@@ -141,7 +140,7 @@ def _choose_weighed(
     room: Array,
     order: list[Ranked],
     rules: Rules,
-    frame: tuple[float, float] | None,
+    frame: tuple[float, float],
 ) -> PrintPose:
     """Take the first pose in `order` that fits together with its supports or, if none does, without them.
 
@@ -153,7 +152,7 @@ def _choose_weighed(
         fitting, sizes = _find_fitting(points, room, order)
     if not fitting:
         raise _explain_too_large(sizes, room, np.full(3, 2 * knots.radius_mm), frame)
-    upright = [p for p in order if any(p.turn is axis for axis in ORIENTATIONS)]
+    upright = [p for p in order if any(p.turn is axis for axis in AXES[:3])]
     lowest = min(upright, key=lambda p: round(p.estimate.height_mm, 6))
     chosen, turn = fitting[0]
     skipped = next(number for number, pose in enumerate(order) if pose is chosen)
@@ -287,13 +286,9 @@ def _oblique_turns(
 
 
 def _explain_too_large(
-    sizes: list[Array],
-    room: Array,
-    fixed: Array,
-    frame: tuple[float, float] | None,
-    mounted: bool = False,
+    sizes: list[Array], room: Array, fixed: Array, frame: tuple[float, float], mounted: bool = False
 ) -> SceneError:
-    """Build the error that names a smaller frame that would fit; `fixed` (3,) of a size does not shrink."""
+    """Return the error that names a --size that would fit; `fixed` (3,) of a size does not shrink."""
     scales = [
         float(((room - fixed) / np.maximum(size - fixed, 1e-9))[size > room + FITS_MM].min())
         for size in sizes
@@ -311,10 +306,6 @@ def _explain_too_large(
     elif scale <= 0:
         what = "mount" if mounted else "tube's thickness"
         remedy = f"Use a larger printer: this one does not even hold the {what}"
-    elif frame is None:
-        remedy = (
-            f"Scale the piece to at most {100 * scale:.1f} % of its size, or use another printer"
-        )
     else:
         longer = scale * max(frame)
         largest = floor(longer) if longer >= 10 else floor(10 * longer) / 10

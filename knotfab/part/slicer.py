@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +38,6 @@ MOST_QUOTED = 400  # characters quoted of its output
 
 class SlicerQueue:
     """Runs `slice_part` on file after file, on its own threads, while others search and verify.
-
-        with SlicerQueue() as queue:
-            sliced = queue.submit(folder / "part.3mf", scene)
-            ...
-            sliced.result()
 
     Leaving the context ends the program if it still runs, and removes its temporary files.
 
@@ -126,33 +122,29 @@ def slice_part(
         return _Job(program, own, part_3mf.name, scene, timeout_s, stop, hear).run()
 
 
+@dataclass(frozen=True)
 class _Job:
     """One slicing in its own folder, with the files there."""
 
-    def __init__(
-        self,
-        program: str,
-        folder: Path,
-        name: str,
-        scene: ResolvedScene,
-        timeout_s: float,
-        stop: threading.Event | None,
-        hear: Callable[[str], None] | None,
-    ) -> None:
-        self.program, self.folder, self.name, self.scene = program, folder, name, scene
-        self.timeout_s, self.stop, self.hear = timeout_s, stop, hear
-        self.began = time.monotonic()
-        self.written = folder / Path(name).with_suffix(".gcode")
+    program: str
+    folder: Path
+    name: str
+    scene: ResolvedScene
+    timeout_s: float
+    stop: threading.Event | None
+    hear: Callable[[str], None] | None
+    began: float = field(default_factory=time.monotonic)
 
     def run(self) -> Sliced | NotSliced:
         shells = read_shells(self.folder / self.name)
+        written = Path(self.name).with_suffix(".gcode")
         low, high = box_of(shells)
         across, deep, _ = self.scene.printer.build_volume_mm
         middle = np.array([across / 2, deep / 2])
         shift = np.append(middle - (low + high)[:2] / 2, -low[2])
         command = [
             *("--load", PROFILE, "--dont-arrange", "--center", ",".join(f"{x:g}" for x in middle)),
-            *("--export-gcode", "--output", self.written.name, self.name),
+            *("--export-gcode", "--output", str(written), self.name),
         ]
         info = self._call("--info", self.name)
         if isinstance(info, NotSliced):
@@ -162,7 +154,7 @@ class _Job:
         if isinstance(ended, NotSliced):
             return ended
         try:
-            gcode = read_gcode(self.written)
+            gcode = read_gcode(self.folder / written)
         except BadGcode as error:
             return NotSliced("crashed", f"exit code 0, but {error}", said=_quote(ended))
         return Sliced(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
@@ -18,20 +17,14 @@ BRIM_MM = 3.0
 INFILL_PERCENT = 15  # share of the inner space
 
 
-@dataclass(frozen=True)
-class _Filament:
-    nozzle_c: int
-    bed_c: int
-
-
-# What the makers of such filament print on its box. A material of another name prints like PLA:
-# temperatures change neither the time nor the amount that are read off.
+# °C of nozzle and bed, as the makers of such filament print on its box. A material of another name prints
+# like PLA: temperatures change neither the time nor the amount that are read off.
 FILAMENTS = {
-    "pla": _Filament(215, 60),
-    "petg": _Filament(240, 85),
-    "tpu": _Filament(230, 50),
-    "abs": _Filament(250, 100),
-    "asa": _Filament(255, 100),
+    "pla": (215, 60),
+    "petg": (240, 85),
+    "tpu": (230, 50),
+    "abs": (250, 100),
+    "asa": (255, 100),
 }
 
 
@@ -48,8 +41,7 @@ def why_not_sliced(scene: ResolvedScene) -> str | None:
 
 def line_width(scene: ResolvedScene) -> float:
     """Return the width of every printed line, mm."""
-    # width of a printed line in nozzle diameters, as is usual
-    return round(1.125 * scene.printer.nozzle_mm, 4)
+    return round(1.125 * scene.printer.nozzle_mm, 4)  # as is usual
 
 
 def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
@@ -63,7 +55,7 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
     printer, material = scene.printer, scene.material
     across, deep, high = printer.build_volume_mm
     layer, width = printer.layer_height_mm, line_width(scene)
-    heat = FILAMENTS.get(material.name, FILAMENTS["pla"])
+    nozzle_c, bed_c = FILAMENTS.get(material.name, FILAMENTS["pla"])
     # A slope's angle from the level below which it is supported, where ours is from the vertical;
     # 0 would leave the choice to the slicer.
     threshold = min(90, max(1, ceil(90 - printer.max_overhang_deg)))
@@ -78,10 +70,10 @@ def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
         "filament_diameter": 1.75,
         "filament_density": f"{material.density_g_cm3:g}",
         "filament_type": material.name.upper() if material.name in FILAMENTS else "PLA",
-        "temperature": heat.nozzle_c,
-        "first_layer_temperature": heat.nozzle_c,
-        "bed_temperature": heat.bed_c,
-        "first_layer_bed_temperature": heat.bed_c,
+        "temperature": nozzle_c,
+        "first_layer_temperature": nozzle_c,
+        "bed_temperature": bed_c,
+        "first_layer_bed_temperature": bed_c,
         "layer_height": f"{layer:g}",
         "first_layer_height": f"{layer:g}",
         "extrusion_width": f"{width:g}",

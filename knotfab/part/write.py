@@ -62,8 +62,7 @@ def write_part(
     colours: bool = False,
     suffix: str = "",
 ) -> None:
-    """Write part.stl and .3mf, knots.json, the pictures and
-    scene.toml.
+    """Write part.stl and .3mf, knots.json, the pictures and scene.toml.
 
     Args:
         scene: with the pose (`pose_scene`).
@@ -176,16 +175,16 @@ def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> Ab
         designer=scene.about.designer or "knotfab",
         description=_describe(part, scene.views, names),
         licence=scene.about.licence,
-        thumbnail_png=draw_thumbnail(part, scene.views, THUMBNAIL_PX),
+        thumbnail_png=_draw_thumbnail(part, scene.views),
     )
 
 
-def draw_thumbnail(part: Part, views: Sequence[ResolvedView], pixels: int) -> bytes:
+def _draw_thumbnail(part: Part, views: Sequence[ResolvedView]) -> bytes:
     """Draw the part as the first view's light sees it, so that its picture shows: a square PNG."""
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
     found = io.BytesIO()
-    draw_part(seen, faces, found, place_eyes(views)[:1], pixels)
+    draw_part(seen, faces, found, place_eyes(views)[:1], THUMBNAIL_PX)
     return found.getvalue()
 
 
