@@ -333,7 +333,7 @@ MESH = (
     *("mesh_closed", "mesh_winding", "mesh_degenerate", "mesh_duplicate", "mesh_manifold"),
     *("mesh_bodies", "mesh_genus", "mesh_volume", "mesh_self_intersection"),
 )
-FILES = ("same_3mf",)  # the printed file is the verified one
+FILES = ("same_3mf", "slicer_ini")  # what is printed is what was verified, as the scene says
 TUBE = ("centre_line", "tube", "mount", "clearance", "region", "build_volume")  # the part as a tube
 # measured together: their work is saved only where all of them are left out
 KNOTS = ("thickness", "bend", "length", "knot_type", "linking")

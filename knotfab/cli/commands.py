@@ -7,7 +7,7 @@ import sys
 import webbrowser
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
@@ -202,7 +202,7 @@ def validate(
     unit
         The unit of the numbers in an STL, OBJ or PLY.
     """
-    from knotfab.pipeline.verifier import files_to_validate, load_early
+    from knotfab.pipeline.verifier import files_to_validate, list_unread, load_early
 
     with load_early(skip):
         from knotfab.pipeline.read_options import read_skips
@@ -210,6 +210,8 @@ def validate(
 
         files = files_to_validate(part, knots, scene, failures)
         verdict = validate_files(files, read_skips(skip), unit)
+    if part is not None and part.is_dir():
+        verdict = replace(verdict, notes=(*verdict.notes, *list_unread(files)))
     if json:
         import json as codec
 

@@ -12,19 +12,15 @@ from scipy.spatial import ConvexHull, QhullError
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
 from knotfab.geometry.polylines import arc_lengths, points_at
+from knotfab_formats.slicer_ini import ROOF_GAP_MM, ROOF_LAYERS, SPACING_MM
 
 FINEST_RADII = 0.8  # tube radii between two samples of a centre line
 STRIPS = (-0.8, -0.4, 0.0, 0.4, 0.8)  # across the underside, in halves of its width
 CELL_RADII = 1.0  # cells of grid cells, by which the strand below another is found
 
-# How supports are printed (part.slicer_profile), and so what they weigh: lines of this width, in
-# nozzles, this far apart between both edges of a strand's underside, and a denser roof below the strand.
-SUPPORT_LINE_NOZZLES = 0.9
-SPACING_MM = 4.0
-# lines along a strand: neighbours share some (PrusaSlicer 2.5, tube radii 1.8 to 3.7 mm)
+# Supports weigh what their lines do: both edges of a strand's underside, lines between, a roof below it.
+# Lines along a strand: neighbours share some (PrusaSlicer 2.5, tube radii 1.8 to 3.7 mm).
 EDGES = 1.7
-ROOF_LAYERS = 2
-ROOF_GAP_MM = 0.2
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.legs import Bar, find_legs, plan_bars
-from knotfab.geometry.overhang import SUPPORT_LINE_NOZZLES, Rules
+from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh, face_normals, sweep
 from knotfab.hold.lamp_frame import Table, frame_or_reason
 from knotfab.hold.mount import Mounted, mount_piece
@@ -23,6 +23,7 @@ from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of, view_axes
 from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.slicer_ini import SUPPORT_LINE_NOZZLES
 from knotfab_formats.upright import MOST_BRIDGE_MM
 
 BESIDE_MM = 5.0  # a slicer's supports reach out of a piece's outline by at most this

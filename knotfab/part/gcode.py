@@ -13,9 +13,10 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices
 from knotfab.geometry.polylines import number_runs
 from knotfab.geometry.tube import Mesh, box_of, mesh_volume
-from knotfab.part.slicer_profile import INFILL_PERCENT, line_width
+from knotfab.part.slicer_profile import line_width
 from knotfab_formats.print_figures import SlicerCheck
 from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.slicer_ini import INFILL_PERCENT
 from knotfab_formats.verdict import Status
 
 NOT_PART = ("Skirt/Brim", "Wipe tower", "Custom")

@@ -27,8 +27,9 @@ from knotfab.part.slicer_process import (
     find_slicer,
     run_limited,
 )
-from knotfab.part.slicer_profile import PROFILE, read_profile, read_warnings, why_not_sliced
+from knotfab.part.slicer_profile import read_profile, read_warnings, why_not_sliced
 from knotfab_formats.scene import ResolvedScene
+from knotfab_formats.slicer_ini import PROFILE
 
 TIMEOUT_S = 300.0  # a slicer that takes longer is ended
 # SIGHUP, SIGINT, SIGKILL, SIGTERM, SIGXCPU, SIGXFSZ: what says nothing of the part

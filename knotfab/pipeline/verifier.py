@@ -17,7 +17,8 @@ from typing import Any
 from knotfab.base.errors import MachineError, explain_error
 from knotfab.base.pool import Crash, Workers, count_jobs
 from knotfab.report.summary import rank_check
-from knotfab_formats.errors import InputError, KnotfabError, read_as
+from knotfab_formats.errors import InputError, KnotfabError, read_as, shown
+from knotfab_formats.slicer_ini import PROFILE
 from knotfab_formats.verdict import Verdict
 
 LIMIT_S = 1800.0  # the longest wait for the verdict on one part
@@ -249,6 +250,10 @@ def explain_unreadable(sentence: str) -> InputError:
     return InputError(name, reason.rstrip("."), remedy)
 
 
+_READ = {"part.stl", "part.3mf", "part-colours.3mf", "knots.json", "scene.toml", PROFILE}
+_MOST_UNREAD = 20  # files that are named
+
+
 def files_to_validate(
     part: Path | None, knots: Path | None, scene: Path | None, failures: Path | None = None
 ) -> Files:
@@ -285,6 +290,17 @@ def files_to_validate(
             f"--failures {failures}", "failures are drawn as PNG", "Name a file in .png."
         )
     return Files(part, knots, scene, failures=failures)
+
+
+def list_unread(files: Files) -> list[str]:
+    """Name the files of a build's folder that validators do not read, in one sentence; none: nothing."""
+    if files.part is None or files.part.name != "part.stl" or files.scene is None:
+        return []
+    named = files.scene.read_text(encoding="utf-8", errors="replace")
+    beside = sorted(p.name for p in files.part.parent.iterdir() if not p.name.startswith("."))
+    left = [shown(n) for n in beside if n not in _READ and n not in named]
+    more = f" and {len(left) - _MOST_UNREAD} more" if len(left) > _MOST_UNREAD else ""
+    return [f"not checked: {', '.join(left[:_MOST_UNREAD])}{more}"] if left else []
 
 
 def _if_there(path: Path) -> Path | None:

@@ -21,7 +21,6 @@ from knotfab.part.gcode import (
 )
 from knotfab.part.slicer_process import find_slicer
 from knotfab.part.slicer_profile import (
-    PROFILE,
     line_width,
     profile,
     read_profile,
@@ -30,6 +29,7 @@ from knotfab.part.slicer_profile import (
 )
 from knotfab.scene.catalogue import materials, printers
 from knotfab_formats.print_figures import SlicerCheck
+from knotfab_formats.slicer_ini import PROFILE
 
 SUPPORTED = """G1 X14 Y30 E1.5
 ;TYPE:Support material

@@ -16,7 +16,7 @@ from reports import check_of, verdict_of
 from knotfab.base.errors import MachineError
 from knotfab.base.pool import Crash
 from knotfab.pipeline import verifier
-from knotfab.pipeline.verifier import Answer, Files, Verifier, load_early
+from knotfab.pipeline.verifier import Answer, Files, Verifier, list_unread, load_early
 from knotfab_formats.errors import InputError, plain
 
 # It answers with its own number and the file that it was asked about.
@@ -184,3 +184,24 @@ def test_a_process_that_ended_says_what_it_lacked(said: str, why: str) -> None:
     ended.set_exception(Crash(-6, said))
     with pytest.raises(MachineError, match=why):
         Answer(ended).result()
+
+
+def test_what_validators_do_not_read_of_a_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text("[[views]]\npicture = 'picture-front.png'\n")
+    for name in (
+        "part.stl",
+        "part.3mf",
+        "knots.json",
+        "slicer.ini",
+        "picture-front.png",
+        ".hidden",
+    ):
+        (tmp_path / name).write_bytes(b"")
+    files = Files(tmp_path / "part.stl", tmp_path / "knots.json", tmp_path / "scene.toml")
+    assert list_unread(files) == []
+    for name in ("report.html", "part.glb"):
+        (tmp_path / name).write_bytes(b"")
+    assert list_unread(files) == ["not checked: part.glb, report.html"]
+    for number in range(30):
+        (tmp_path / f"{number:02}.png").write_bytes(b"")
+    assert list_unread(files)[0].endswith("19.png and 12 more")

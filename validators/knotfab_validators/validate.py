@@ -25,7 +25,7 @@ from knotfab_validators.files.mesh import Plate, read_mesh, read_table
 from knotfab_validators.files.scene import read_knots
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.mesh.same_surface import check_same_3mf
+from knotfab_validators.mesh.same_surface import check_same_3mf, is_own
 from knotfab_validators.part_checks import part_checks
 from knotfab_validators.shadows.part_shadows import skip_shadow_checks, verify_shadows
 
@@ -149,7 +149,7 @@ def measure_piece(
     if only != "shadows":
         measured = mesh, piece.curves, setting, seconds, skip, piece.printed
         checks += part_checks(*measured)
-        checks.append(_check_beside(piece.printed, piece.part, skip, seconds))
+        checks += _check_beside(piece, skip, seconds)
         checks += _check_table(piece, skip, seconds)
     if only != "geometry":
         shadows, views, colours = _check_shadows(piece, skip, pictures_dir, seconds)
@@ -199,17 +199,22 @@ def conclude_piece(
     )
 
 
-def _check_beside(
-    mesh: Mesh | None, part: Path | None, skip: Collection[str], seconds: dict[str, float]
-) -> Check:
-    """Check that the 3MF files beside the part hold its surface."""
-    (name,) = FILES
+def _check_beside(piece: Piece, skip: Collection[str], seconds: dict[str, float]) -> list[Check]:
+    """Check that the 3MF files beside the part hold its surface, and that the profile is the scene's."""
+    mesh, part, scene = piece.printed, piece.part, piece.setting
     if mesh is None or part is None:
-        return skip_check(name, "not given the part")
-    if name in skip:
-        return skip_check(name, "left out on request")
-    with time_stage(seconds, "3mf"):
-        return check_same_3mf(mesh, part)
+        return [skip_check(name, "not given the part") for name in FILES]
+    found = [skip_check(name, "left out on request") for name in FILES]
+    if FILES[0] not in skip:
+        with time_stage(seconds, "3mf"):
+            found[0] = check_same_3mf(mesh, part)
+    if FILES[1] not in skip:
+        found[1] = skip_check(FILES[1], "not given the scene")
+        if scene is not None:
+            from knotfab_validators.printing.slicer_ini import check_slicer_ini
+
+            found[1] = check_slicer_ini(scene, part.parent, is_own(part))
+    return found
 
 
 def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float]) -> list[Check]:

@@ -1,0 +1,125 @@
+"""The PrusaSlicer profile that a scene implies: a build writes it, and validators compare what is there."""
+
+from __future__ import annotations
+
+from math import ceil
+
+from knotfab_formats.piece import Material, Mount, Printer
+
+PROFILE = "slicer.ini"
+STYLES = "organic", "snug"  # of supports: branches, where the slicer can grow them
+INFILL_PERCENT = 15  # share of the inner space
+BRIM_MM = 3.0
+SUPPORT_LINE_NOZZLES = 0.9
+SPACING_MM = 4.0  # between the lines of supports
+ROOF_LAYERS = 2
+ROOF_GAP_MM = 0.2
+
+# Degrees of nozzle and bed that the makers of such filament print on its box. A material of another name
+# prints like PLA: temperatures change neither the time nor the amount that are read off.
+FILAMENTS = {
+    "pla": (215, 60),
+    "petg": (240, 85),
+    "tpu": (230, 50),
+    "abs": (250, 100),
+    "asa": (255, 100),
+}
+
+
+def line_width_mm(nozzle_mm: float) -> float:
+    """Return the width of every printed line, 1.125 nozzles as is usual."""
+    return round(1.125 * nozzle_mm, 4)
+
+
+def layers_of_plate(printer: Printer, material: Material, mount: Mount) -> int:
+    """Return how many layers a plate has in which a piece stands."""
+    return ceil(mount.thickness_mm / material.shrinks_to / printer.layer_height_mm - 1e-6)
+
+
+def change_above(layers: int) -> str:
+    """Return the before_layer_gcode by which printers ask for other filament above so many layers."""
+    return f"G92 E0\\n{{if layer_num == {layers}}}M600{{endif}}"
+
+
+def imply_settings(
+    printer: Printer, material: Material, mount: Mount, alone: bool, style: str
+) -> dict[str, str]:
+    """Return PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
+
+    Bed, height, nozzle, layers and supports are the printer's, density and temperatures the
+    material's. The rest describes a cautious machine, so that the time is rather too long than too short.
+    Names are those of PrusaSlicer 2.5, which later versions read too.
+
+    Args:
+        alone: whether the piece prints without supports. style: one of `STYLES`.
+    """
+    across, deep, high = printer.build_volume_mm
+    layer, width = printer.layer_height_mm, line_width_mm(printer.nozzle_mm)
+    nozzle_c, bed_c = FILAMENTS.get(material.name, FILAMENTS["pla"])
+    # A slope's angle from the level below which it is supported, where ours is from the vertical;
+    # 0 would leave the choice to the slicer.
+    threshold = min(90, max(1, ceil(90 - printer.max_overhang_deg)))
+    brim = alone and not mount.on_feet  # feet that stand in no plate are small
+    settings: dict[str, object] = {
+        "printer_technology": "FFF",
+        "gcode_flavor": "marlin2",
+        "bed_shape": f"0x0,{across:g}x0,{across:g}x{deep:g},0x{deep:g}",
+        "max_print_height": f"{high:g}",
+        "nozzle_diameter": f"{printer.nozzle_mm:g}",
+        "filament_diameter": 1.75,
+        "filament_density": f"{material.density_g_cm3:g}",
+        "filament_type": material.name.upper() if material.name in FILAMENTS else "PLA",
+        "temperature": nozzle_c,
+        "first_layer_temperature": nozzle_c,
+        "bed_temperature": bed_c,
+        "first_layer_bed_temperature": bed_c,
+        "layer_height": f"{layer:g}",
+        "first_layer_height": f"{layer:g}",
+        "extrusion_width": f"{width:g}",
+        "first_layer_extrusion_width": f"{width:g}",
+        "perimeters": 2,
+        "fill_density": f"{INFILL_PERCENT}%",
+        "skirts": 0,
+        "brim_type": "outer_only" if brim else "no_brim",
+        "brim_width": BRIM_MM if brim else 0,
+        "support_material": int(printer.supports and not alone),
+        "support_material_threshold": threshold,
+        "support_material_style": style,
+        "support_material_with_sheath": 0,
+        "support_material_extrusion_width": f"{SUPPORT_LINE_NOZZLES * printer.nozzle_mm:g}",
+        "support_material_spacing": SPACING_MM,
+        "support_material_interface_layers": ROOF_LAYERS,
+        "support_material_interface_spacing": ROOF_GAP_MM,
+        # Supports stand on strands below without a floor of their own: less to pick off.
+        "support_material_bottom_interface_layers": 0,
+        # A first layer over supports as thick as any other: thick bridges leave a layer more of air.
+        "thick_bridges": 0,
+        # Without the variable widths of Arachne it slices in half the time, to the same amount of
+        # filament: a tube is several lines thick everywhere.
+        "perimeter_generator": "classic",
+        # Finer than a nozzle can follow costs time and megabytes.
+        "resolution": 0.02,
+        "gcode_resolution": 0.05,
+        "perimeter_speed": 60,
+        "external_perimeter_speed": 40,
+        "small_perimeter_speed": 30,
+        "infill_speed": 80,
+        "solid_infill_speed": 60,
+        "top_solid_infill_speed": 40,
+        "support_material_speed": 60,
+        "gap_fill_speed": 30,
+        "bridge_speed": 30,
+        "first_layer_speed": 20,
+        "travel_speed": 150,
+        "machine_limits_usage": "time_estimate_only",
+        "silent_mode": 0,
+        # Lengths of filament line by line, each from its start, so that they can be added up.
+        "use_relative_e_distances": 1,
+        "before_layer_gcode": "G92 E0",
+        "start_gcode": "G28",
+        "end_gcode": "M84",
+        # A 3MF may bring scripts to be run on the G-code: none are.
+        "post_process": "",
+        "thumbnails": "",
+    }
+    return {key: str(value) for key, value in settings.items()}
