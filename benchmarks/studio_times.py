@@ -62,8 +62,8 @@ def begin_build(page: OpenerDirector, address: str) -> None:
     """Let the studio build a letter finely, and wait until its search runs."""
     for path, body in (
         ("text", {"text": "A"}),
-        ("choose", {"names": ["A"]}),
-        ("settings", {"accuracy": "fine", "tube_radius": "5"}),
+        ("choose", {"name": "A"}),
+        ("settings", {"accuracy": "fine"}),
         ("build", {}),
     ):
         page.open(Request(f"{address}/api/{path}", json.dumps(body).encode())).read()

@@ -18,8 +18,7 @@ from knotfab.base.moves import REJECTED
 from knotfab.base.pool import Workers
 
 _PHASES = {0: "done", 1: "rejected", 130: "stopped"}
-_STOPPED = "Stopped, before there were knots to go on from; nothing was saved."
-_STOPPED_WITH_KNOTS = "Stopped. The next build can go on from these knots."
+_STOPPED = "Stopped; nothing was saved."
 
 
 @dataclass(eq=False)
@@ -81,10 +80,6 @@ class Broadcast:
         """Return a sentence in the page's words."""
         return sentence
 
-    @property
-    def can_go_on(self) -> bool:
-        return False
-
     def listen(self) -> Listener:
         """Add a listener, with the current state as its first message."""
         listener = Listener()
@@ -141,7 +136,7 @@ class Broadcast:
         self.status |= {"phase": _PHASES.get(code, "failed"), "exit_code": code, "left_s": 0}
         self.status["sentence"] = self.plain(sentence)
         if code == 130:
-            self.status["sentence"] = _STOPPED_WITH_KNOTS if self.can_go_on else _STOPPED
+            self.status["sentence"] = _STOPPED
         report = self.out / ("" if code == 0 else REJECTED) / "report.json"
         # a report that this build did not write is an earlier one's
         if code == 0 or (code == 1 and self._reported and report.is_file()):
@@ -179,7 +174,7 @@ class LiveBuild:
         builder.submit(self._run, call)
 
     def stop(self) -> None:
-        """Interrupt the build as Ctrl-C would. It first reports its current knots."""
+        """Interrupt the build as Ctrl-C would."""
         threading.Thread(target=self._stop, daemon=True).start()
 
     def kill(self, after_s: float = 5.0) -> None:

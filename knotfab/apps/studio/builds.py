@@ -1,15 +1,14 @@
-"""The builds of a studio: the folder of each, the record of its request, and the knots to go on from."""
+"""The builds of a studio: the folder of each, and the record of its request."""
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -20,7 +19,7 @@ from knotfab.report.summary import tell_share, told_iou
 from knotfab_formats.errors import InputError
 
 BUILDS = "builds"
-_STARTS, _RECORDS = "starts", "records"
+_RECORDS = "records"
 _LONGEST_TITLE = 80  # characters
 # files to offer, the most wanted first
 _SHOWN = (
@@ -30,7 +29,6 @@ _SHOWN = (
 )  # fmt: skip
 # prefixes of further files
 _ALSO = "table-", "colours", "part-", "setup-"
-Kind = Literal["one", "views", "frames"]
 
 
 class Record(BaseModel):
@@ -39,8 +37,7 @@ class Record(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     title: str
-    pictures: tuple[StudioPicture, ...] = ()
-    kind: Kind = "one"
+    picture: StudioPicture | None = None
     settings: dict[str, str | int | float | bool] = {}
     phase: str = "running"
     sentence: str = ""
@@ -81,7 +78,7 @@ class Builds:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder / BUILDS
-        self._starts, self._records = folder / _STARTS, folder / _RECORDS
+        self._records = folder / _RECORDS
         self.records: dict[str, Record] = {}
         for held in _children(self.folder):
             mend(held)
@@ -102,7 +99,7 @@ class Builds:
             InputError: its record cannot be written.
         """
         held = {path.name for path in _children(self.folder)}
-        held |= {*self.records, *(path.stem for path in _children(self._starts))}
+        held |= set(self.records)
         name = number(base, held, "-")
         titles = [self.title_of(other) for other in held]
         self.records[name] = record.model_copy(update={"title": number(record.title, titles, " ")})
@@ -110,7 +107,7 @@ class Builds:
         return name
 
     def end(self, name: str, phase: str, sentence: str) -> None:
-        """Record how a build ended. One that left neither a result nor knots is removed."""
+        """Record how a build ended. One that left no result is removed."""
         mend(self.folder / name)
         record = self.records.get(name)
         if record is None:
@@ -122,25 +119,8 @@ class Builds:
         else:
             self._forget(name)
 
-    def rename(self, name: str, title: str) -> None:
-        """Change a build's title; its folder keeps its name.
-
-        Raises:
-            InputError: there is no such build, or the title is empty, too long or taken.
-        """
-        record = self.records.get(self.require(name)) or Record(title=name, phase="done")
-        plain = " ".join("".join(c if c.isprintable() else " " for c in title).split())
-        if not 0 < len(plain) <= _LONGEST_TITLE:
-            raise InputError(
-                "the name", "it is empty or too long", f"Give 1 to {_LONGEST_TITLE} characters."
-            )
-        if plain in (self.title_of(other) for other in self.names() if other != name):
-            raise InputError(f"the name {plain}", "another build has it", "Choose another.")
-        self.records[name] = record.model_copy(update={"title": plain})
-        self._write(name)
-
     def delete(self, name: str) -> None:
-        """Remove a build's folder, record and knots.
+        """Remove a build's folder and record.
 
         Raises:
             InputError: there is no such build, or its folder cannot be removed.
@@ -168,7 +148,7 @@ class Builds:
         return name
 
     def names(self) -> list[str]:
-        """Return the names of the builds that left a result or knots, newest first, 200 at most."""
+        """Return the names of the builds that left a result, newest first, 200 at most."""
         found = {path.name for path in _children(self.folder)} | set(self.records)
         listed = [name for name in found if self._is_listed(name)]
         return sorted(listed, key=lambda name: (-self._made(name), name))[:200]
@@ -187,33 +167,27 @@ class Builds:
             "name": name,
             "title": self.title_of(name),
             "phase": phase,
-            "pictures": [picture.name for picture in record.pictures] if record else [],
+            "picture": record.picture.name if record and record.picture else "",
             "result": describe_folder(folder, not passed) if held else None,
         }
 
     def title_of(self, name: str) -> str:
         return self.records[name].title if name in self.records else name
 
-    def start_of(self, name: str) -> Path | None:
-        """Return the file of the knots from which a further build can go on, if there is one."""
-        places = (self.start_path(name), self.folder / name / "knots.json")
-        return next((path for path in places if name and path.is_file()), None)
-
-    def start_path(self, name: str) -> Path:
-        return self._starts / f"{name}.json"
-
     def keeps(self, picture: str) -> bool:
         """Return whether a build used that picture."""
-        return any(picture == p.name for record in self.records.values() for p in record.pictures)
+        return any(
+            r.picture is not None and r.picture.name == picture for r in self.records.values()
+        )
 
     def _is_listed(self, name: str) -> bool:
         folder = self.folder / name
         reports = (folder / "report.json", folder / REJECTED / "report.json")
-        return self.start_path(name).is_file() or any(path.is_file() for path in reports)
+        return any(path.is_file() for path in reports)
 
     def _made(self, name: str) -> float:
         folder = self.folder / name
-        places = (folder / "report.json", folder / REJECTED / "report.json", self.start_path(name))
+        places = (folder / "report.json", folder / REJECTED / "report.json")
         return max((path.stat().st_mtime for path in places if path.is_file()), default=0.0)
 
     def _write(self, name: str) -> None:
@@ -222,9 +196,8 @@ class Builds:
 
     def _forget(self, name: str) -> None:
         self.records.pop(name, None)
-        for path in (self._records / f"{name}.json", self.start_path(name)):
-            with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            (self._records / f"{name}.json").unlink(missing_ok=True)
 
 
 def number(base: str, taken: Iterable[str], joint: str) -> str:
@@ -290,19 +263,3 @@ def _children(folder: Path) -> list[Path]:
             ]
     except (OSError, ValueError):
         return []
-
-
-def title_after(titles: Sequence[str], kind: Kind) -> str:
-    """Make a build's title from those of its pictures."""
-    title = f"{titles[0]}, moving" if kind == "frames" else " and ".join(titles)
-    return title if len(title) <= _LONGEST_TITLE else title[: _LONGEST_TITLE - 1] + "…"
-
-
-def folder_after(chosen: Sequence[str], kind: Kind) -> str:
-    """Make the name of a build's folder from those of its pictures."""
-    if kind == "frames":
-        return f"{chosen[0][:_LONGEST_TITLE]}-frames"
-    name = "-and-".join(chosen)
-    if len(name) > _LONGEST_TITLE:
-        name = f"{name[:_LONGEST_TITLE]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-    return name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from functools import cache
 from typing import Any
 
@@ -11,43 +12,32 @@ from knotfab.base.errors import OPTION
 from knotfab.picture.fonts import list_families
 from knotfab.pipeline.options import READERS, BuildOptions, options_from
 from knotfab.pipeline.prepare import check_options
-from knotfab.pipeline.values import as_text, read_seconds
+from knotfab.pipeline.values import as_text
 from knotfab.scene.catalogue import materials, printers
 from knotfab_formats.errors import InputError, KnotfabError
 
 Value = str | int | float | bool
-_LONGEST, _LONGEST_STROKES = 60, 20_000  # characters in a field; in those that brushes fill
+_LONGEST = 60  # characters in a field
 
 
 # the labels of the options of `knotfab build` that the page sets; none of them names a file
 FIELDS = {
-    "width": "Width on the wall", "height": "Height on the wall", "lamp_distance": "Lamp to piece",
-    "wall_distance": "Piece to wall", "lamp_diameter": "Lamp diameter", "tube_radius": "Tube radius",
-    "depth": "Depth", "knots": "Knots", "knot": "Knot type", "free": "Pose and distances",
-    "mount": "Mount", "printer": "Printer", "material": "Material", "accuracy": "Accuracy",
-    "time_budget": "Time", "seed": "Seed", "print": "Check it against the printer",
-    "colours": "A colour for each body", "accept": "Build it even if nobody would know it",
-    "ink": "What is drawn", "invert": "Invert", "threshold": "Threshold", "crop": "Crop",
-    "specks": "Specks",
-    "smooth": "Smooth", "keep_largest": "Largest pieces", "thicken": "Thin strokes", "lines": "Lines",
-    "lamps": "Lamps", "font": "Font",
+    "width": "Width on the wall", "lamp_distance": "Lamp to piece", "wall_distance": "Piece to wall",
+    "mount": "Mount", "plate": "Plate", "supports": "Supports", "printer": "Printer",
+    "material": "Material", "accuracy": "Accuracy", "print": "Check it against the printer",
+    "accept": "Build it even if nobody would know it", "ink": "What is drawn", "crop": "Crop",
+    "smooth": "Smooth", "lines": "Lines", "lamps": "Lamps", "font": "Font",
 }  # fmt: skip
 # menus of names that options take as any text
 _MENUS: dict[str, Callable[[], Iterable[str]]] = {
-    "printer": printers, "material": materials, "font": cache(list_families), "free": lambda: ["view"],
-    "lamps": lambda: ["rgb", "warm+cold", "switch"],
-    "knot": lambda: (
-        "unknot", "trefoil", "left trefoil", "figure-eight", "cinquefoil", "5_2", "8_19", "3_1#4_1",
-    ),
+    "printer": printers, "material": materials, "font": cache(list_families),
+    "lamps": lambda: ["rgb", "warm+cold"],
 }  # fmt: skip
 # fields that belong to a picture; another one starts without them
-READING = (
-    "ink", "invert", "threshold", "crop", "specks", "smooth", "keep_largest",
-    "thicken", "lines",
-)  # fmt: skip
+READING = ("ink", "crop", "smooth", "lines")
+_FLAGS = ("print", "accept")
+_OPTIONS = {field.name.strip("_") for field in fields(BuildOptions)}
 DEFAULTS: dict[str, Value] = {"print": True, "mount": "auto", "accuracy": "standard"}
-_OTHER_WORDS = {"sequence": "Sequence", "size": "the longer side", "force": "", "out": ""}
-_FLAGS = ("print", "invert", "colours", "sequence", "accept", "force")
 
 
 def read_field(name: str, given: object) -> Value | None:
@@ -61,9 +51,8 @@ def read_field(name: str, given: object) -> Value | None:
     text = str(given).strip().lower() if isinstance(given, bool) else str(given).strip()
     if not text:
         return None
-    longest = _LONGEST_STROKES if name in ("keep", "drop") else _LONGEST
-    if len(text) > longest or not text.isprintable():
-        raise ValueError(f"Give no more than {longest} letters and digits.")
+    if len(text) > _LONGEST or not text.isprintable():
+        raise ValueError(f"Give no more than {_LONGEST} letters and digits.")
     try:
         if name in _MENUS:
             if text not in _MENUS[name]():
@@ -73,8 +62,6 @@ def read_field(name: str, given: object) -> Value | None:
             on = {"true": True, "false": False}.get(text.lower())
             plain = text.removesuffix("px").strip()
             return as_field(READERS[name](plain if on is None else on))
-        if name == "time_budget":
-            return f"{read_seconds(text):g}s"
         if text.lower() not in ("true", "false"):
             raise ValueError("This is neither on nor off.")
         return text.lower() == "true"
@@ -94,16 +81,20 @@ def as_field(value: Any) -> Value:
 
 
 def in_page_words(sentence: str) -> str:
-    """Replace the options in a sentence of the command line by the labels of the page's fields."""
+    """Replace the options in a sentence of the command line by the labels of the page's fields.
+
+    Options that the page does not have are called the command line's.
+    """
 
     def label(found: re.Match[str]) -> str:
         name, value = found[1].replace("-", "_"), found[2]
-        if name not in FIELDS and name not in _OTHER_WORDS:
-            return found[0]
-        named = FIELDS[name] if name in FIELDS else _OTHER_WORDS[name]
+        if name == "size":  # the page sets the longer side by its width
+            name = "width"
+        if name not in FIELDS:
+            return f"{found[0]} of the command line" if name in _OPTIONS else found[0]
         if not value:
-            return f"“{named}”"
-        return f"“{named}” {value}" if name in _FLAGS else f"“{named}”: {value}"
+            return f"“{FIELDS[name]}”"
+        return f"“{FIELDS[name]}” {value}" if name in _FLAGS else f"“{FIELDS[name]}”: {value}"
 
     sentence = sentence.replace(" LEFT,TOP,WIDTH,HEIGHT", "")
     said = OPTION.sub(label, sentence.replace("--accept unrecognisable", "--accept"))
@@ -161,18 +152,17 @@ class Settings:
             self._together = changed
             self._mark(changed, self.values.get(changed), plain(str(error)))
 
-    def options(self, text: bool, sequence: bool) -> BuildOptions:
+    def options(self, text: bool) -> BuildOptions:
         """Return the options of a build, which include the font only for a `text`."""
         given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
-        return options_from({**given, "sequence": sequence})
+        return options_from(given)
 
-    def pass_on(self, before: tuple[str, ...], after: tuple[str, ...]) -> None:
-        """Store the reading fields with the pictures `before`, and load those of the first one `after`."""
-        if before == after or not after:
+    def pass_on(self, before: str, after: str) -> None:
+        """Store the reading fields with the picture `before`, and load those of the one `after`."""
+        if before == after:
             return
-        kept = {key: self.values.pop(key) for key in READING if key in self.values}
-        self.readings |= {name: kept for name in before}
-        self.values |= self.readings.get(after[0], {})
+        self.readings[before] = {k: self.values.pop(k) for k in READING if k in self.values}
+        self.values |= self.readings.get(after, {})
         for key in READING:
             self.wrong.pop(key, None)
 

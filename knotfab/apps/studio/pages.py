@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
@@ -127,7 +128,7 @@ def _type(path: Path) -> str:
 
 _PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
-    "connect-src 'self' {sockets}; frame-src 'self'; base-uri 'none'; form-action 'none'; "
+    "connect-src 'self' ws://{host}; frame-src 'self'; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
 # a report has inline scripts, and so is sandboxed in an origin of its own
@@ -149,6 +150,7 @@ _LET_IN = (
     '<a href="/">Go on to the studio</a></p></html>'
 )
 _SAFE = ("GET", "HEAD")
+_LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?")
 NO_TOKEN = "This address lacks its token: open the address that knotfab studio printed."
 FOREIGN = "This request comes from elsewhere: open the address that knotfab studio printed."
 
@@ -156,15 +158,13 @@ FOREIGN = "This request comes from elsewhere: open the address that knotfab stud
 class RequestGuard:
     """ASGI middleware that checks host, origin and cookie of requests and sockets, and sets headers.
 
-    Args:
-        hosts: the allowed Host headers, with the port.
+    A name of the loopback passes whatever its port, which a tunnel changes.
     """
 
-    def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]) -> None:
-        self.app, self.token, self.hosts = app, token, hosts
+    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+        self.app, self.token = app, token
         # named by the port, which cookies ignore
-        self.cookie = "knotfab-" + hosts[0].rpartition(":")[2]
-        self.policy = _PAGE_POLICY.format(sockets=" ".join(f"ws://{host}" for host in hosts))
+        self.cookie = f"knotfab-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -172,24 +172,23 @@ class RequestGuard:
             return
         answer = self._refuse(scope)
         if answer is None:
-            await self.app(scope, receive, self._with_headers(send))
+            await self.app(scope, receive, self._with_headers(scope, send))
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": FOREIGN})
         else:
-            await answer(scope, receive, self._with_headers(send))
+            await answer(scope, receive, self._with_headers(scope, send))
 
     def _refuse(self, scope: Scope) -> Response | None:
         """Return the response that refuses a request, or sets the cookie; None if it may go on."""
         headers = Headers(scope=scope)
         socket = scope["type"] == "websocket"
         method = "GET" if socket else scope["method"]
-        origins = tuple(f"http://{host}" for host in self.hosts)
-        origin = headers.get("origin")
-        if headers.get("host") not in self.hosts:
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if _LOOPBACK.fullmatch(host) is None:
             return PlainTextResponse(FOREIGN, 403)
         if origin is None and (socket or method not in _SAFE):
             return PlainTextResponse(FOREIGN, 403)
-        if origin is not None and origin not in origins:
+        if origin is not None and origin != f"http://{host}":
             return PlainTextResponse(FOREIGN, 403)
         if not socket and method in _SAFE and scope["path"] == "/":
             given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
@@ -205,13 +204,16 @@ class RequestGuard:
     def _is_token(self, given: str) -> bool:
         return secrets.compare_digest(given.encode(), self.token.encode())
 
-    def _with_headers(self, send: Send) -> Send:
+    def _with_headers(self, scope: Scope, send: Send) -> Send:
+        host = Headers(scope=scope).get("host", "")
+        host = host if _LOOPBACK.fullmatch(host) else "127.0.0.1"
+
         async def sent(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in _HEADERS.items():
                     headers.setdefault(name, value)
-                headers.setdefault("content-security-policy", self.policy)
+                headers.setdefault("content-security-policy", _PAGE_POLICY.format(host=host))
             await send(message)
 
         return sent

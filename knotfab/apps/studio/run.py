@@ -83,8 +83,7 @@ def serve(studio: Studio, port: int, announce: Callable[[str], None]) -> None:
     with _bind(port) as listening:
         port = listening.getsockname()[1]
         token = secrets.token_urlsafe(24)
-        hosts = (f"{_HOST}:{port}", f"localhost:{port}")
-        app = make_app(studio, token, hosts)
+        app = make_app(studio, token, port)
         config = uvicorn.Config(
             app, log_level="error", ws_max_size=2**16, timeout_graceful_shutdown=3
         )
@@ -147,28 +146,24 @@ _DRAINED_BYTES = 2 * 2**30
 Answer = Callable[[Request], Awaitable[Response]]
 
 
-def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
+def make_app(studio: Studio, token: str, port: int) -> Starlette:
     """Make the application.
 
     Args:
         token: must be in the first address that a browser opens.
-        hosts: the allowed Host headers, with the port.
+        port: names the cookie.
     """
     shown: dict[str, Answer] = {
         "/": pages.show_page,
         "/static/{name}": pages.show_static,
         "/api/state": _show_state,
+        "/api/choices": pages.show_choices,
         "/files/{where:path}/{name}": pages.show_file,
+        "/pictures/{name}.png": pages.show_picture,
+        "/preview/{panel:int}.png": pages.show_panel,
     }
-    changing: dict[str, Answer] = {}
-    if isinstance(studio, Studio):
-        shown |= {
-            "/api/choices": pages.show_choices,
-            "/pictures/{name}.png": pages.show_picture,
-            "/preview/{panel:int}.png": pages.show_panel,
-        }
-        changing = {f"/api/{name}": partial(_call, name) for name in CALLS}
-        changing["/api/pictures"] = _add_picture
+    changing: dict[str, Answer] = {f"/api/{name}": partial(_call, name) for name in CALLS}
+    changing["/api/pictures"] = _add_picture
     app = Starlette(
         routes=[
             *(Route(path, _answered(answer), methods=["GET"]) for path, answer in shown.items()),
@@ -178,7 +173,7 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> Starlette:
             ),
             WebSocketRoute("/live", _follow),
         ],
-        middleware=[Middleware(RequestGuard, token=token, hosts=hosts)],
+        middleware=[Middleware(RequestGuard, token=token, port=port)],
         exception_handlers={HTTPException: _explain_http},
         lifespan=_live,
     )
@@ -307,7 +302,6 @@ CALLS: dict[str, Callable[..., Any]] = {
     "build": Studio.press,
     "stop": Studio.stop,
     "open": Studio.open_build,
-    "rename": Studio.rename,
     "delete": Studio.delete,
     "remove": Studio.remove_picture,
 }

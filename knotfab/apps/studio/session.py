@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +12,17 @@ from pydantic import BaseModel, ConfigDict
 
 from knotfab.apps.batch.worker import list_arguments
 from knotfab.apps.studio.broadcast import Broadcast, Event, LiveBuild
-from knotfab.apps.studio.builds import Builds, Kind, Record, child_of, folder_after, title_after
+from knotfab.apps.studio.builds import Builds, Record, child_of
 from knotfab.apps.studio.fields import DEFAULTS, FIELDS, Settings, Value, in_page_words
 from knotfab.apps.studio.pictures import StudioPicture, preview, thumbnail
 from knotfab.base.disk import write_whole
 from knotfab.base.errors import explain_error, keep_traceback
 from knotfab.base.pool import Workers
-from knotfab.picture.frames import MOST_FRAMES
 from knotfab.pipeline.options import BuildOptions
 from knotfab_formats.errors import InputError
 
 _PICTURES, _MEMORY = "pictures", "studio.json"
-_MOST_VIEWS = 4  # of one part on the page
+_NO_PREVIEW: dict[str, Any] = {"lines": [], "error": "", "panels": []}
 
 
 class _Memory(BaseModel):
@@ -32,8 +31,7 @@ class _Memory(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     pictures: tuple[StudioPicture, ...] = ()
-    chosen: tuple[str, ...] = ()
-    kind: Kind = "one"
+    chosen: str = ""
     settings: dict[str, Value] = dict(DEFAULTS)
     readings: dict[str, dict[str, Value]] = {}
     current: str = ""
@@ -47,11 +45,10 @@ class Studio(Broadcast):
         self.folder = folder
         self.builds = Builds(folder)
         self.pictures: dict[str, StudioPicture] = {}
-        self.chosen: tuple[str, ...] = ()
-        self.kind: Kind = "one"
+        self.chosen = ""
         self.settings = Settings()
-        self.current = ""  # the build that is shown, from which the next can go on
-        self.preview: dict[str, Any] = {"lines": [], "error": "", "panels": []}
+        self.current = ""  # the build that is shown
+        self.preview: dict[str, Any] = dict(_NO_PREVIEW)
         self.panels: list[bytes] = []
         self.build: LiveBuild | None = None
         # a `warm` studio starts its process before the first build
@@ -77,23 +74,17 @@ class Studio(Broadcast):
     def picture_folder(self) -> Path:
         return self.folder / _PICTURES
 
-    @property
-    def can_go_on(self) -> bool:
-        return self.builds.start_of(self.current) is not None
-
     def describe(self) -> dict[str, Any]:
         tray = [picture.model_dump(exclude={"file"}) for picture in self.pictures.values()]
         return {
             **super().describe(),
             "pictures": tray,
             "chosen": self.chosen,
-            "kind": self.kind,
             "settings": self.settings.values,
             "wrong": self.settings.wrong,
             "preview": self.preview,
             "builds": self.builds.listed(),
             "current": self.current,
-            "can_go_on": self.can_go_on,
         }
 
     def folder_of(self, where: str) -> Path | None:
@@ -106,31 +97,27 @@ class Studio(Broadcast):
         return in_page_words(sentence)
 
     def add_picture(self, picture: StudioPicture) -> None:
-        """Add a picture and choose it, instead of the others or as a further view or frame."""
+        """Add a picture, and choose it."""
         self.pictures[picture.name] = picture
-        self.choose([picture.name] if self.kind == "one" else [*self.chosen, picture.name])
+        self.choose(picture.name)
 
-    def choose(self, names: Sequence[str], kind: Kind | None = None) -> None:
-        """Choose pictures in order, each for a view or a frame.
+    def choose(self, name: str) -> None:
+        """Choose a picture; what was seen of the one before goes at once.
 
         Raises:
-            InputError: there is no such picture, or there are too many.
+            InputError: there is no such picture.
         """
-        kind = kind or self.kind
-        names = tuple(dict.fromkeys(names))
-        most = {"one": 1, "views": _MOST_VIEWS, "frames": MOST_FRAMES}[kind]
-        names = names[:1] if kind == "one" else names
-        for name in names:
-            if name not in self.pictures:
-                what = f"the picture {name[:80]}"
-                raise InputError(what, "there is none of that name", "Drop it again.")
-        if len(names) > most:
-            raise InputError(
-                "the pictures", f"there are {len(names)}", f"Take up to {most} {kind}."
-            )
-        self.settings.pass_on(self.chosen[:1], names[:1])
-        self.chosen, self.kind = names, kind
+        self._require(name)
+        if name != self.chosen:
+            self.settings.pass_on(self.chosen, name)
+            self.chosen, self.preview, self.panels = name, dict(_NO_PREVIEW), []
         self.renew()
+
+    def _require(self, name: str) -> StudioPicture:
+        if name not in self.pictures:
+            what = f"the picture {name[:80]}"
+            raise InputError(what, "there is none of that name", "Drop it again.")
+        return self.pictures[name]
 
     def remove_picture(self, name: str) -> None:
         """Remove a picture from the tray, and its file too unless a build used it.
@@ -138,12 +125,9 @@ class Studio(Broadcast):
         Raises:
             InputError: there is no such picture.
         """
-        picture = self.pictures.get(name)
-        if picture is None:
-            raise InputError(
-                f"the picture {name[:80]}", "there is none of that name", "Load the page again."
-            )
-        self.choose([other for other in self.chosen if other != name])
+        picture = self._require(name)
+        if name == self.chosen:
+            self.chosen = ""
         del self.pictures[name]
         self.settings.readings.pop(name, None)
         if not self.builds.keeps(name) and not self.running:
@@ -170,8 +154,8 @@ class Studio(Broadcast):
                 raise InputError(FIELDS[name], why, "")
 
     def _options(self) -> BuildOptions:
-        text = any(self.pictures[name].text for name in self.chosen)
-        return self.settings.options(text, self.kind == "frames")
+        chosen = self.pictures.get(self.chosen)
+        return self.settings.options(chosen is not None and chosen.text is not None)
 
     def renew(self) -> None:
         """Save the state, send it to all tabs, and make a new preview."""
@@ -180,7 +164,7 @@ class Studio(Broadcast):
             self.preview = {**self.preview, "looking": True}
             asyncio.get_running_loop().create_task(self._look(self._previews))
         else:
-            self.preview, self.panels = {"lines": [], "error": "", "panels": []}, []
+            self.preview, self.panels = dict(_NO_PREVIEW), []
         self.keep()
         self.tell_state()
 
@@ -195,7 +179,7 @@ class Studio(Broadcast):
             found, panels = await asyncio.to_thread(preview, sources, options)
         except Exception as error:
             told = explain_error(error) or keep_traceback(error)
-            found = {"lines": [], "error": self.plain(str(told)), "panels": []}
+            found = {**_NO_PREVIEW, "error": self.plain(str(told))}
         if number != self._previews:
             return
         found["lines"] = [self.plain(line) for line in found["lines"]]
@@ -206,17 +190,17 @@ class Studio(Broadcast):
         self.tell_state()
 
     def _sources(self) -> list[str]:
-        return [self.pictures[name].source(self.picture_folder) for name in self.chosen]
+        return [self.pictures[self.chosen].source(self.picture_folder)]
 
     def _prepare(self) -> None:
         if self.warm and not self.builder.ended.is_set():
             self.builder.start()
 
-    def press(self, go_on: bool = False) -> None:
-        """Build the chosen pictures; with `go_on` starting from the knots of the build that is shown.
+    def press(self) -> None:
+        """Build the chosen picture.
 
         Raises:
-            InputError: a build runs, nothing is chosen, a field is wrong, or there are no knots.
+            InputError: a build runs, nothing is chosen, or a field is wrong.
         """
         if self.running:
             raise InputError("the build", "one runs already", "Stop it first, or wait for it.")
@@ -225,20 +209,11 @@ class Studio(Broadcast):
         if self.settings.wrong:
             fields = ", ".join(FIELDS[name] for name in self.settings.wrong)
             raise InputError(fields, "this is not right yet", "Correct what is marked, then build.")
-        start = self.builds.start_of(self.current)
-        if go_on and start is None:
-            raise InputError("the build", "there are no knots to go on from", "Build it anew.")
-        pictures = [self.pictures[name] for name in self.chosen]
-        record = Record(
-            title=title_after([picture.title for picture in pictures], self.kind),
-            pictures=pictures,
-            kind=self.kind,
-            settings=dict(self.settings.values),
-        )
-        further = [f"--start={start}"] if go_on else []
+        picture = self.pictures[self.chosen]
+        record = Record(title=picture.title, picture=picture, settings=dict(self.settings.values))
         # behind "--" nothing is taken for an option
-        arguments = [*list_arguments(self._options()), *further, "--", *self._sources()]
-        name = self.builds.begin(folder_after(self.chosen, self.kind), record)
+        arguments = [*list_arguments(self._options()), "--", *self._sources()]
+        name = self.builds.begin(self.chosen, record)
         loop = asyncio.get_running_loop()
         out = self.builds.folder / name
         self.begin(out, self.builds.title_of(name))
@@ -252,7 +227,7 @@ class Studio(Broadcast):
         self.tell_state()
 
     def stop(self) -> None:
-        """Stop the running build, and keep its current knots."""
+        """Stop the running build."""
         # a second signal would interrupt its cleanup
         if self.status["phase"] == "running" and self.build is not None:
             self.status["phase"] = "stopping"
@@ -269,30 +244,18 @@ class Studio(Broadcast):
             raise InputError("the build", "one runs", "Stop it first, or wait for it.")
         record = self.builds.records.get(self.builds.require(name))
         self._show(name)
-        if record is not None and record.pictures:
-            for picture in record.pictures:
-                if not (self.picture_folder / picture.file).is_file():
-                    raise InputError(
-                        f"the picture {picture.title}", "its file is gone", "Drop it again."
-                    )
-                self.pictures.setdefault(picture.name, picture)
-            names = tuple(picture.name for picture in record.pictures)
-            self.settings.pass_on(self.chosen[:1], names[:1])
-            self.chosen, self.kind = names, record.kind
+        if record is not None and record.picture is not None:
+            picture = record.picture
+            if not (self.picture_folder / picture.file).is_file():
+                raise InputError(
+                    f"the picture {picture.title}", "its file is gone", "Drop it again."
+                )
+            self.pictures.setdefault(picture.name, picture)
+            self.settings.pass_on(self.chosen, picture.name)
+            self.chosen = picture.name
             self.settings = Settings(record.settings, self.settings.readings)
             self.settings.check(self._options(), "accuracy", self.plain)
         self.renew()
-
-    def rename(self, name: str, title: str) -> None:
-        """Change a build's title.
-
-        Raises:
-            InputError: as `Builds.rename`.
-        """
-        self.builds.rename(name, title)
-        if name == self.current:
-            self.status["title"] = self.builds.title_of(name)
-        self.tell_state()
 
     def delete(self, name: str) -> None:
         """Delete a build.
@@ -321,10 +284,7 @@ class Studio(Broadcast):
 
     def hear(self, event: Event) -> None:
         """Handle an event of the running build."""
-        if event["event"] == "standing":
-            with contextlib.suppress(InputError):  # the disk is full; the previous file stays
-                write_whole(self.builds.start_path(self.current), event["start"].encode())
-        elif event["event"] == "ended":
+        if event["event"] == "ended":
             self.end(event["code"], event["sentence"])
         else:
             super().hear(event)
@@ -341,7 +301,7 @@ class Studio(Broadcast):
     def keep(self) -> None:
         """Save the state for a restart, if the disk has room."""
         memory = _Memory(
-            pictures=tuple(self.pictures.values()), chosen=self.chosen, kind=self.kind,
+            pictures=tuple(self.pictures.values()), chosen=self.chosen,
             settings=self.settings.values, readings=self.settings.readings, current=self.current,
         )  # fmt: skip
         with contextlib.suppress(InputError):
@@ -355,8 +315,7 @@ class Studio(Broadcast):
             return
         held = (p for p in memory.pictures if (self.picture_folder / Path(p.file).name).is_file())
         self.pictures = {picture.name: picture for picture in held}
-        self.chosen = tuple(name for name in memory.chosen if name in self.pictures)
-        self.kind = memory.kind
+        self.chosen = memory.chosen if memory.chosen in self.pictures else ""
         self.settings = Settings(memory.settings, memory.readings)
         if memory.current in self.builds.names():
             self._show(memory.current)

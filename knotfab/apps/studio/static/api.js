@@ -51,17 +51,12 @@ export async function attempt(place, promise) {
   }
 }
 
-/* Ask in a dialog: true, the text that was written where `text` is given, or null where it is put off. */
-export function askPerson(question, press, text = null) {
+/* Ask in a dialog, and wait for yes or no. */
+export function askPerson(question, press) {
   const dialog = byId("ask");
   byId("ask-question").textContent = question;
   byId("ask-press").textContent = press;
-  byId("ask-text").hidden = text === null;
-  byId("ask-text").value = text ?? "";
   dialog.returnValue = "";
   dialog.showModal();
-  if (text !== null) byId("ask-text").select();
-  return new Promise((done) => {
-    dialog.addEventListener("close", () => done(dialog.returnValue !== "yes" ? null : text === null ? true : byId("ask-text").value), { once: true });
-  });
+  return new Promise((done) => dialog.addEventListener("close", () => done(dialog.returnValue === "yes"), { once: true }));
 }

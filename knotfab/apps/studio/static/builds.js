@@ -13,24 +13,20 @@ export function showBuilds(state, selectTab) {
 }
 
 function row(built, current, running) {
-  const { name, title, result, pictures: [picture] } = built;
+  const { name, title, result, picture } = built;
   const image = picture ? element("img", { src: `/pictures/${encodeURIComponent(picture)}.png`, alt: "" }) : "";
-  const told = result ? brief(result) : "stopped: there are knots to go on from";
+  const told = result ? brief(result) : "stopped";
   const open = element("button", { type: "button", class: "open", "aria-current": current && "true", title: `${title}: ${told}`, click: () => show(built, running) }, image, element("span", {}, title, element("small", {}, told)));
-  const rename = element("button", { type: "button", class: "act", "aria-label": `Rename ${title}`, title: "Rename", click: async () => {
-    const text = await askPerson(`Another name for ${title}`, "Rename", title);
-    if (text !== null) attempt("builds-error", post("/api/rename", { name, title: text }));
-  } }, "✎");
   const remove = element("button", { type: "button", class: "act", "aria-label": `Delete ${title}`, title: "Delete", click: async () => {
     if (await askPerson(`Delete ${title} with all its files? They cannot be brought back.`, "Delete"))
       attempt("builds-error", post("/api/delete", { name }));
   } }, "✕");
-  return element("li", {}, open, rename, remove);
+  return element("li", {}, open, remove);
 }
 
 /* While another build runs, an old one's result can be looked at; else its picture and settings come back too. */
-function show({ name, title, result, pictures }, running) {
-  byId("builds-error").textContent = running || pictures.length ? "" : "Built before the studio kept notes: the result is here, its settings are in scene.toml.";
+function show({ name, title, result, picture }, running) {
+  byId("builds-error").textContent = running || picture ? "" : "Built before the studio kept notes: the result is here, its settings are in scene.toml.";
   if (result) showResult(result, title);
   select(result ? "tab-result" : "tab-preview");
   if (!running) attempt("builds-error", post("/api/open", { name }));
@@ -58,9 +54,6 @@ export function showResult(built, title, anew = false) {
   byId("files").replaceChildren(...links.slice(0, SHOWN));
   byId("more-files").replaceChildren(...links.slice(SHOWN));
   byId("more-files").parentElement.hidden = links.length <= SHOWN;
-  const moving = built.files.find((name) => name === "turn.gif");
-  byId("moving").hidden = !moving;
-  if (moving) byId("moving").src = `${here}/${moving}`;
   byId("report").hidden = !built.files.includes("report.html");
   if (!byId("report").hidden && (of !== here || anew)) byId("report").src = `${here}/report.html`;
   of = here;

@@ -6,39 +6,24 @@ const WORDS = { spellcheck: "false", autocomplete: "off" };
 const LISTS = {
   "clean-fields": [
     ["ink", "menu", { "": "what stands out", dark: "what is dark", light: "what is light", alpha: "what is opaque", flood: "what the border does not reach (photographs)" }],
-    ["invert", "check", {}],
-    ["threshold", "range", { min: 0.05, max: 0.95, step: 0.01, usual: 0.5, unit: "", hint: "Where ink begins: lower takes more." }],
-    ["specks", "range", { min: 0, max: 20, step: 1, usual: 0, unit: "px", to: (x) => x ** 3, from: Math.cbrt, hint: "Smaller pieces go, smaller holes are filled." }],
+    ["crop", "menu", { "": "the whole picture", auto: "about the drawing" }],
     ["smooth", "range", { min: 0, max: 20, step: 0.5, usual: 0, unit: "px", hint: "Rounds ragged edges." }],
-    ["keep_largest", "text", { placeholder: "all", inputmode: "numeric" }],
-    ["crop", "text", { placeholder: "the whole picture", button: ["crop-open", "Drag …"] }],
-    ["thicken", "menu", { "": "as they are", auto: "widened to what prints" }],
     ["lines", "menu", { "": "along their middle where they are thin", on: "along their middle", off: "filled" }],
   ],
   "scene-fields": [
     ["width", "range", { min: 60, max: 400, step: 5, usual: 180, unit: "mm" }],
     ["lamp_distance", "range", { min: 150, max: 3000, step: 10, usual: 500, unit: "mm" }],
     ["wall_distance", "range", { min: 30, max: 1000, step: 5, usual: 100, unit: "mm" }],
-    ["lamps", "menu", { "": "one: a shadow", rgb: "three: in colours", "warm+cold": "warm and cold: two tints", switch: "a picture each, by turns" }],
-    ["lamp_diameter", "range", { min: 0, max: 40, step: 1, usual: 5, unit: "mm" }],
+    ["lamps", "menu", { "": "one: a shadow", rgb: "three: in colours", "warm+cold": "warm and cold: two tints" }],
   ],
   "print-fields": [
     ["mount", "choice", { auto: "Auto", wall: "Wall", stand: "Stand", hang: "Hang", none: "None" }],
+    ["plate", "menu", { "": "as the mount needs it", pegs: "small, with pegs", outline: "in the picture's outline", full: "the whole frame" }],
+    ["supports", "menu", { "": "without, where that works", none: "without", slicer: "the slicer's" }],
     ["accuracy", "choice", { sketch: "Sketch", draft: "Draft", standard: "Standard", fine: "Fine" }],
     ["printer", "menu", {}],
     ["material", "menu", {}],
     ["print", "check", { hint: "Slices the part with PrusaSlicer, where it is installed: hours, grams and supports, for 30 seconds to some minutes more." }],
-  ],
-  "more-fields": [
-    ["height", "text", { placeholder: "follows the width", unit: "mm" }],
-    ["tube_radius", "text", { placeholder: "auto", unit: "mm", hint: "Half the tube's thickness. Auto: the thickest that draws the picture well." }],
-    ["depth", "text", { placeholder: "auto", unit: "mm", hint: "How far the piece reaches from front to back. Deep pieces hide the picture from elsewhere; “flat” prints fastest." }],
-    ["knots", "menu", { "": "one for each piece of the picture", 1: "all pieces bridged into one" }],
-    ["knot", "menu", { "": "unknot", trefoil: "trefoil", "left trefoil": "left trefoil", "figure-eight": "figure-eight", cinquefoil: "cinquefoil", "5_2": "5_2", "8_19": "8_19", "3_1#4_1": "3_1#4_1" }],
-    ["free", "menu", { "": "as set here", view: "found with the knots" }],
-    ["time_budget", "text", { placeholder: "as long as it takes", hint: "For the whole build, such as 30 s or 2 min." }],
-    ["seed", "text", { placeholder: "0", inputmode: "numeric", hint: "Another number gives another piece with the same shadow." }],
-    ["colours", "check", { hint: "Also a 3MF with each knot in a colour, for several filaments." }],
     ["accept", "check", { value: "unrecognisable" }],
   ],
 };
@@ -79,8 +64,7 @@ function build([name, kind, about]) {
   inputs[name] = input;
   const unit = element("span", {}, about.unit ?? "");
   if (kind === "text") {
-    const button = about.button ? element("button", { type: "button", id: about.button[0] }, about.button[1]) : unit;
-    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, input, button), ...below(name, about));
+    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, input, unit), ...below(name, about));
   }
   const { to = (x) => x, min, max, step } = about;
   let waiting = 0;
@@ -109,9 +93,6 @@ function fillMaterials(materials) {
 }
 
 export const set = (name, value) => setAll({ [name]: value });
-
-/* Settings in words. */
-export const told = (settings) => Object.entries(settings).filter(([, value]) => value !== null).map(([name, value]) => `${labels[name]}: ${[...(inputs[name].options ?? [])].find((o) => o.value === value)?.text ?? value}`).join(", ");
 
 export function setAll(settings) {
   // what is wrong comes back with the state, and is shown at the field
@@ -142,7 +123,7 @@ export function showFields(state) {
     const value = state.settings[name] ?? (name === "width" ? frame : null) ?? about.usual;
     range.value = (about.from ?? ((x) => x))(Number(value));
   }
-  byId("font-row").hidden = !state.pictures.some((p) => p.text !== null && state.chosen.includes(p.name)) && byId("source-text").hidden;
+  byId("font-row").hidden = !state.pictures.some((p) => p.text !== null && p.name === state.chosen) && byId("source-text").hidden;
 }
 
 /* Go to the first field that is wrong; its sentence stands below it. */

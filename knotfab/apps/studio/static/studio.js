@@ -2,7 +2,6 @@
 import { byId, capital, element, post } from "./api.js";
 import { brief, clearResult, showBuilds, showResult } from "./builds.js";
 import { buildFields, labelsOf, showFields, showWrong } from "./fields.js";
-import { Crop } from "./frames.js";
 import { Stage } from "./stage.js";
 import { showPreview } from "./survey.js";
 import { listenToPictures, showPictures } from "./tray.js";
@@ -70,17 +69,15 @@ function showBuild() {
   const { phase, share, iou, left_s: left, sentence, result } = state.build;
   const running = phase === "running" || phase === "stopping";
   byId("build").hidden = running;
-  byId("build").disabled = !state.chosen?.length;
+  byId("build").disabled = !state.chosen;
   byId("stop").hidden = !running;
   byId("stop").disabled = phase === "stopping";
-  byId("go-on").hidden = running || !state.can_go_on || state.kind === "frames";
-  byId("go-on").textContent = `Go on from ${state.build.title ?? "here"}`;
   byId("bar").value = running || phase === "done" || phase === "rejected" ? share ?? 0 : 0;
   byId("shadow-iou").textContent = iou ? `IoU ${iou.toFixed(3)}` : "";
   until = running && left != null ? performance.now() + 1000 * left : null;
   const wrong = Object.keys(state.wrong ?? {});
   const words = {
-    idle: state.chosen?.length ? "Ready." : "Choose a picture to begin.",
+    idle: state.chosen ? "Ready." : "Choose a picture to begin.",
     running: doing(),
     stopping: "Stopping …",
     done: `${state.build.title}: every required check passed. ${result ? brief(result) : ""}`,
@@ -90,8 +87,8 @@ function showBuild() {
   };
   const mend = !running && wrong.length > 0;
   // what was built last is another piece
-  const other = !running && state.current && JSON.stringify(state.chosen) !== JSON.stringify(state.builds.find((b) => b.name === state.current)?.pictures);
-  byId("said").textContent = mend ? `Not right yet: ${labelsOf(wrong)}.` : words[other && state.chosen.length ? "idle" : phase];
+  const other = !running && state.current && state.chosen !== state.builds.find((b) => b.name === state.current)?.picture;
+  byId("said").textContent = mend ? `Not right yet: ${labelsOf(wrong)}.` : words[other && state.chosen ? "idle" : phase];
   byId("said").classList.toggle("bad", mend || (!other && (phase === "failed" || phase === "rejected")));
   if (other) byId("bar").value = 0;
 }
@@ -114,16 +111,15 @@ function remaining() {
 
 function listenToBuild() {
   byId("panel").addEventListener("submit", (e) => e.preventDefault());
-  byId("build").addEventListener("click", () => press(false));
-  byId("go-on").addEventListener("click", () => press(true));
+  byId("build").addEventListener("click", press);
   byId("stop").addEventListener("click", () => post("/api/stop").catch((error) => say(error.message)));
   setInterval(() => {
     if (state?.build.phase === "running" && until !== null) byId("said").textContent = doing();
   }, 1000);
 }
 
-function press(goOn) {
-  post("/api/build", { go_on: goOn }).then(() => {
+function press() {
+  post("/api/build").then(() => {
     if (window.innerWidth <= 860) byId("stage").scrollIntoView({ block: "start" });
   }).catch((error) => {
     say(error.message);
@@ -168,7 +164,6 @@ async function begin() {
   listenToBuild();
   listenToTabs();
   await buildFields();
-  new Crop(() => state);
   connect();
 }
 

@@ -1,24 +1,26 @@
 /* What a tube will make of the picture: the sentences and the panels. */
 import { byId, element } from "./api.js";
-import { setAll, told } from "./fields.js";
 
 /* A sign of work at once, before anything is known of the picture; "" takes it away. */
 export function showWork(words) {
+  const empty = !byId("panels").children.length;
   byId("at-work").textContent = words;
-  byId("empty").hidden = Boolean(words || byId("survey-error").textContent) || !byId("survey").hidden;
+  byId("survey").hidden = Boolean(words) || empty;
+  byId("empty").hidden = Boolean(words || byId("survey-error").textContent) || !empty;
+  byId("build").disabled = Boolean(words) || empty;
 }
 
-export function showPreview({ preview, chosen, settings }) {
+export function showPreview({ preview, chosen }) {
   const { lines, error, number, panels, views, looking } = preview;
-  const seen = lines.length > 0 && chosen.length > 0;
-  byId("survey").hidden = !seen;
+  const seen = lines.length > 0 && chosen !== "";
   byId("survey-error").textContent = error;
-  showWork(looking && !seen && !error ? "Looking at the picture …" : "");
   byId("survey").classList.toggle("looking", Boolean(looking));
-  if (!seen) return;
-  const [width, height] = views[0].frame_mm;
-  byId("panels").classList.toggle("wide", width > 1.6 * height);
-  byId("panels").replaceChildren(...panels.map((caption, k) =>
+  if (seen) {
+    const [width, height] = views[0].frame_mm;
+    byId("panels").classList.toggle("wide", width > 1.6 * height);
+  }
+  byId("panels").replaceChildren(...(seen ? panels : []).map((caption, k) =>
     element("figure", {}, element("img", { src: `/preview/${k}.png?${number}`, alt: "" }), element("figcaption", {}, caption))));
   byId("survey-lines").replaceChildren(...lines.map((line) => element("p", {}, line.trim())));
+  showWork(looking && !seen && !error ? "Looking at the picture …" : "");
 }
