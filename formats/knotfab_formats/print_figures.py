@@ -269,13 +269,15 @@ class Proven:
 class SlicerFigures:
     """The slicer's figures for the files, or the reason that there are none."""
 
-    program: str | None
-    version: str | None
-    time_s: float | None
-    filament_m: float | None
-    filament_g: float | None
-    support_m: float | None
-    layers: int | None
+    program: str | None = None
+    version: str | None = None
+    time_s: float | None = None
+    filament_m: float | None = None
+    filament_g: float | None = None
+    support_m: float | None = None
+    layers: int | None = None
+    retractions: int | None = None
+    starts_per_layer: float | None = None
     objects: int | None = None
     reason: str | None = None
     remedy: str | None = None

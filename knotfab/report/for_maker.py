@@ -199,17 +199,7 @@ def check_slicing(result: Sliced | NotSliced) -> Check:
 def report_slicing(result: Sliced | NotSliced) -> SlicerFigures:
     """Fill the report's table `slicer`; its figures are None where the part was not sliced."""
     if isinstance(result, NotSliced):
-        figures = [
-            "program",
-            "version",
-            "time_s",
-            "filament_m",
-            "filament_g",
-            "support_m",
-            "layers",
-        ]
         return SlicerFigures(
-            **dict.fromkeys(figures),
             reason=result.reason,
             remedy=result.remedy,
             warnings=(),
