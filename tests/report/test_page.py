@@ -69,7 +69,7 @@ def test_keys_of_the_contract(tmp_path: Path) -> None:
     report = json.loads(text)
     assert set(report) == {
         "schema", "title", "status", "verdict", "views", "checks", "effects", "limits", "timings", "knots",
-        "print", "settings", "notes",
+        "print", "settings", "notes", "attempts",
     }  # fmt: skip
     assert report["schema"] == 1 and report["status"] == "pass" and report["verdict"] is None
     assert np.array(report["views"][0]["projection"]).shape == (3, 4)
