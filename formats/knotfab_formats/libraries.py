@@ -5,12 +5,30 @@ Maker, validators and fixtures do so alike; records of their processes come back
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 
 Deeds = dict[str, list[str]]
 _told: ContextVar[Deeds | None] = ContextVar("libraries", default=None)
+
+
+def leave_out_settings_of_matplotlib() -> None:
+    """Keep a person's own backend and settings from matplotlib in this process and in its children.
+
+    A backend of a notebook's may not be here, and a matplotlibrc that cannot be read ends the import. That of
+    the current folder comes before all others.
+    """
+    os.environ |= {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
+    if not os.path.exists("matplotlibrc"):
+        return
+    here = os.getcwd()
+    os.chdir(os.path.dirname(__file__))
+    try:
+        import matplotlib  # noqa: F401
+    finally:
+        os.chdir(here)
 
 
 def took_part(library: str, *deeds: str) -> None:

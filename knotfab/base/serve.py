@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from queue import SimpleQueue
 from typing import Any
 
-from knotfab_formats.libraries import recording
+from knotfab_formats.libraries import leave_out_settings_of_matplotlib, recording
 
 
 def main(module: str, *words: str) -> None:
@@ -30,6 +30,7 @@ def main(module: str, *words: str) -> None:
     # Libraries in C++ write to standard output as they like: the answers have a stream of their own.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)
+    leave_out_settings_of_matplotlib()
     gc.set_threshold(20_000, 20, 20)  # the libraries make a million things that stay
     requests: SimpleQueue[bytes] = SimpleQueue()
     busy = threading.Event()

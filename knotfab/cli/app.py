@@ -18,6 +18,7 @@ import unicodedata
 from typing import Any
 
 from knotfab_formats.errors import shown
+from knotfab_formats.libraries import leave_out_settings_of_matplotlib
 
 
 def main(arguments: list[str] | None = None, began: float | None = None) -> None:
@@ -34,6 +35,7 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
         raise KeyboardInterrupt
 
     code = 0
+    leave_out_settings_of_matplotlib()
     try:
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # all end it as Ctrl-C does
             number = getattr(signal, name, None)  # Windows has no SIGHUP

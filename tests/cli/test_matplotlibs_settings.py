@@ -1,0 +1,43 @@
+"""A person's own settings of matplotlib, which any notebook hands on, decide nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SETTINGS = {
+    "a backend of a notebook": ("module://matplotlib_inline.backend_inline", None),
+    "a backend that is not here": ("module://nowhere.backend", None),
+    "a window's": ("Qt4Agg", None),
+    "settings that cannot be read": ("", b"\xff\xfe\0bad"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", SETTINGS)
+def test_settings_of_matplotlib_decide_nothing(case: str, tmp_path: Path) -> None:
+    backend, settings = SETTINGS[case]
+    if settings is not None:
+        (tmp_path / "matplotlibrc").write_bytes(settings)
+    call = [sys.executable, "-m", "knotfab", "preview", "text:A", "--out", "a.png"]
+    done = subprocess.run(
+        call,
+        cwd=tmp_path,
+        env={**os.environ, "MPLBACKEND": backend},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and "mistake" not in done.stderr, done.stderr
+    asked = (
+        "import json; from knotfab_formats.libraries import *; leave_out_settings_of_matplotlib()"
+    )
+    asked += "; import matplotlib; print(matplotlib.get_backend())"
+    child = subprocess.run(
+        [sys.executable, "-c", asked], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "MPLBACKEND": backend},
+    )  # fmt: skip
+    assert child.stdout.strip().lower() == "agg", child.stderr
