@@ -8,6 +8,7 @@ import io
 import math
 import re
 import warnings
+import zlib
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -98,6 +99,24 @@ def _unreadable(data: bytes, what: str) -> InputError:
     )
 
 
+_PNG = b"\x89PNG\r\n\x1a\n"
+_DRAWING = (
+    b"tRNS",
+    b"gAMA",
+    b"cHRM",
+    b"sRGB",
+    b"iCCP",
+    b"eXIf",
+    b"acTL",
+    b"fcTL",
+    b"fdAT",
+    b"bKGD",
+    b"sBIT",
+)
+_SUBFILE, _MOST_REDUCED = 254, 8  # TIFF's tag NewSubfileType, and the pages that may be reduced
+_MOST_SIDE = 1_000_000  # bytes of side data; Pillow unpacks no more of one
+
+
 def _formats() -> tuple[str, ...]:
     """Return the formats of `_FORMATS` that this machine's Pillow reads."""
     Image.init()
@@ -156,7 +175,7 @@ def decode_shrunk(
         try:
             if data[4:8] == b"ftyp":
                 _read_heif()
-            image = Image.open(io.BytesIO(data), formats=_formats())
+            image = _open(data)
         except Image.DecompressionBombError as error:
             raise InputError(
                 what,
@@ -198,6 +217,56 @@ def decode_shrunk(
     return shrink(upright, further) if further > 1 else upright, kind, size, factor
 
 
+def _open(data: bytes) -> Image.Image:
+    """Open a picture at its first page; a TIFF's pages that are marked as reduced are none."""
+    image = Image.open(io.BytesIO(_without_side_data(data)), formats=_formats())
+    if image.format == "TIFF":
+        for number in range(min(getattr(image, "n_frames", 1), _MOST_REDUCED)):
+            image.seek(number)
+            if not _is_reduced(image):
+                return image
+        image.seek(0)
+    return image
+
+
+def _is_reduced(image: Image.Image) -> bool:
+    return image.format == "TIFF" and bool(getattr(image, "tag_v2", {}).get(_SUBFILE, 0) & 1)
+
+
+def _without_side_data(data: bytes) -> bytes:
+    """Cut out of a PNG what draws nothing: words and profiles that are damaged or too large for Pillow.
+
+    Transparency, gamma, profiles, orientation and frames of an animation stay where they are whole.
+    """
+    if not data.startswith(_PNG):
+        return data
+    kept, at = [_PNG], len(_PNG)
+    while at + 12 <= len(data):
+        end = at + 12 + int.from_bytes(data[at : at + 4], "big")
+        kind, whole = data[at + 4 : at + 8], memoryview(data)[at:end]
+        draws = kind[:1].isupper() or (
+            kind in _DRAWING
+            and (len(whole) <= _MOST_SIDE or kind == b"fdAT")
+            and zlib.crc32(whole[4:-4]) == int.from_bytes(whole[-4:], "big")
+            and (kind != b"iCCP" or _is_profile(bytes(whole[8:-4])))
+        )
+        if draws:
+            kept.append(whole)
+        at = end
+        if kind == b"IEND":
+            break
+    return b"".join([*kept, data[at:]])
+
+
+def _is_profile(chunk: bytes) -> bool:
+    """Return whether a profile unpacks, to no more than Pillow takes."""
+    unpack = zlib.decompressobj()
+    try:
+        return len(unpack.decompress(chunk.partition(b"\0")[2][1:], _MOST_SIDE)) < _MOST_SIDE
+    except zlib.error:
+        return False
+
+
 def shrunk_by(size: tuple[int, int], longest: int) -> int:
     """Return the factor that shrinks a picture's longer side to about `longest` px."""
     return min(-(-max(size) // longest), max(1, min(size) // _LEAST))
@@ -212,7 +281,7 @@ def shrink(image: Image.Image, factor: int) -> Image.Image:
 
 def count_frames(data: bytes) -> int:
     """Return the number of frames that `decode` can read; 1 for a still picture."""
-    with Image.open(io.BytesIO(data), formats=_formats()) as image:
+    with _open(data) as image:
         try:
             return int(getattr(image, "n_frames", 1))
         except Exception:  # as in `take_frames`
@@ -221,14 +290,15 @@ def count_frames(data: bytes) -> int:
 
 def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
     """Yield up to `most` frames of a moving picture, in RGBA, ending before a damaged one."""
-    with Image.open(io.BytesIO(data), formats=_formats()) as image:
+    with _open(data) as image:
         for number in range(most):
             try:
                 image.seek(number)
-                frame = image.convert("RGBA")
+                frame = None if _is_reduced(image) else image.convert("RGBA")
             except Exception:  # Pillow's plug-ins raise many kinds on damaged frames
                 return
-            yield frame
+            if frame is not None:
+                yield frame
 
 
 def to_plain(image: Image.Image) -> Image.Image:

@@ -41,7 +41,7 @@ from knotfab_formats.views import Box, Reading
 
 PLAIN = Reading()
 _READ_AS_IT_IS = dict(PLAIN)
-MOVING = ("GIF", "WEBP", "PNG", "AVIF")  # formats that can hold an animation
+MOVING = ("GIF", "WEBP", "PNG", "AVIF", "TIFF")  # formats that can hold an animation, or pages
 # frames of an animation, and px of all of them, searched for the first with a shape: some 8 CPU s
 _MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
 _MOST_NAMED = 12  # letters in one sentence
