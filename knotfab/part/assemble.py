@@ -146,7 +146,7 @@ def _choose_pose(made: Design, mounted: Mounted, printing: bool) -> tuple[Mounte
 
 def shrink_of(scene: ResolvedScene) -> Array:
     """Return the shrinkage of a printed part as a matrix (4, 4); the identity without any."""
-    return np.diag([*np.full(3, 1 - scene.material.shrinkage_percent / 100), 1.0])
+    return np.diag([*np.full(3, scene.material.shrinks_to), 1.0])
 
 
 def enlarge_knots(made: Design) -> Knots:

@@ -214,30 +214,28 @@ class NotSliced:
     said: str = ""  # PrusaSlicer's words
 
 
+_SUMMED = "time_s filament_m filament_g support_m layers objects retractions seconds".split()
+
+
 def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
     """Sum the figures of several files; if one could not be sliced, return the first such answer.
 
-    Times, filament, layers and objects are added. Checks and warnings name their file, and the
-    command is that of part-N.3mf.
+    Checks and warnings name their file, and the command is that of part-N.3mf.
     """
     for name, one in files.items():
         if isinstance(one, NotSliced):
             known = one.kind in ("refused", "crashed")
             return replace(one, reason=f"{name}: {one.reason}") if known else one
     all_ = {name: one for name, one in files.items() if isinstance(one, Sliced)}
-    if len(all_) == 1:
-        return next(iter(all_.values()))
-    first, each = next(iter(all_.values())), all_.values()
+    first, *others = all_.values()
+    if not others:
+        return first
+    layers = sum(one.layers for one in all_.values())
+    starts = sum(one.starts_per_layer * one.layers for one in all_.values())
     return replace(
         first,
-        time_s=sum(one.time_s for one in each),
-        filament_m=sum(one.filament_m for one in each),
-        filament_g=sum(one.filament_g for one in each),
-        support_m=sum(one.support_m for one in each),
-        layers=sum(one.layers for one in each),
-        objects=sum(one.objects for one in each),
-        retractions=sum(one.retractions for one in each),
-        seconds=sum(one.seconds for one in each),
+        **{key: sum(getattr(one, key) for one in all_.values()) for key in _SUMMED},
+        starts_per_layer=starts / max(layers, 1),
         command=re.sub(r"-\d+\.(3mf|gcode)\b", r"-N.\1", first.command),
         warnings=tuple(
             replace(w, text=f"{name}: {w.text}") for name, one in all_.items() for w in one.warnings
