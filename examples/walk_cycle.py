@@ -137,7 +137,7 @@ def main(*, out: Path = Path("walk-cycle"), draw: bool = False) -> int:
     built = knotfab.build(str(frames), out / "parts", sequence=True, print_=True, skip=("slicer",))
     code, report = built.exit_code, built.report
     print_frames(report)
-    stages = ("radius", "template", "search")  # a resumed walk lacks some of these
+    stages = ("radius", "template", "search")
     searched = sum(report["timings"].get(k, 0.0) for k in stages)
     print(
         f"{watch.wall_s:.0f} s in all: search {searched:.0f} s, beside it verification; CPU seconds: "

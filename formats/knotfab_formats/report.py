@@ -143,13 +143,12 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceFigures:
-    """A sequence as a whole; `resumed` counts frames that an earlier call had searched."""
+    """A sequence as a whole."""
 
     frames: int
     closing: Motion
     verification_s: float
     loop: bool
-    resumed: int
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,7 +81,7 @@ def build(
         if film:
             from knotfab.pipeline.film import make_film
 
-            report, title, pieces = make_film(shop, request, left, attempts, until_written=stack)
+            report, title, pieces = make_film(shop, request, left, attempts)
         else:
             piece, report = attempts.carry_out(plan_piece(shop, request, left))
             title, pieces = " and ".join(target.shown for target in targets), [piece]

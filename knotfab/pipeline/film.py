@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,8 @@ import numpy as np
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.design.budget import Budget
-from knotfab.design.film import Chain, SequenceFrame
+from knotfab.design.film import POOR, Chain, SequenceFrame
 from knotfab.design.film_motion import measure_motion, outline_motion
-from knotfab.design.film_search import POOR
-from knotfab.design.kept import KeptFrames, keep_for
 from knotfab.design.question import silhouette_polygon
 from knotfab.knots import read_knots
 from knotfab.part.assemble import part_of
@@ -36,19 +33,12 @@ PICTURES = "picture-frame-*"  # how scene.toml names the frames' pictures
 
 
 def make_film(
-    shop: Workshop,
-    request: Request,
-    left: Budget | None,
-    attempts: Attempts,
-    until_written: ExitStack,
+    shop: Workshop, request: Request, left: Budget | None, attempts: Attempts
 ) -> tuple[Report, str, list[WrittenPiece]]:
     """Search all frames as the same moving knots, and write and verify each as a separate part.
 
     Each frame has the files of a single piece, numbered (part-01.stl, …), and its own mount; scene.toml and
     report are of all. Frames are verified and sliced while later ones are searched.
-
-    Args:
-        until_written: closed when the build is written; frames kept in case of an interrupt then go.
 
     Returns:
         The report of all, their title, and the frames.
@@ -59,8 +49,7 @@ def make_film(
         progress.say(apart)
     if request.printing:
         write_profile(folder.work, request.scene)
-    kept = until_written.enter_context(_keep_frames(request, shop))
-    chain = Chain(request.scene, targets, request.device, attempts, left, kept)
+    chain = Chain(request.scene, targets, request.device, attempts, left)
     found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
 
     def write(frame: SequenceFrame) -> WrittenPiece:
@@ -91,24 +80,7 @@ def make_film(
     checks = [check_motion(motions[:-1]), *closing]
     with progress.stage("report"):
         whole = reports, pieces, frames, motions, checks
-        return sequence_report(*whole, request, chain.resumed), "a sequence", pieces
-
-
-@contextmanager
-def _keep_frames(request: Request, shop: Workshop) -> Iterator[KeptFrames]:
-    """Keep the frames that are found until the build has ended well; say on an interrupt how many are."""
-    kept = keep_for(request.scene, shop.targets, request.device, request.time_budget_s)
-    count = len(shop.targets)
-    if len(kept) > 0:
-        shop.progress.say(f"{len(kept)} of {count} frames were done before, and are kept.")
-    try:
-        yield kept
-    except KeyboardInterrupt:
-        if len(kept) == 0:
-            raise
-        said = f"{len(kept)} of {count} frames are searched, and kept for the same call"
-        raise KeyboardInterrupt(said) from None
-    kept.discard()
+        return sequence_report(*whole, request), "a sequence", pieces
 
 
 def _list_failed(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:

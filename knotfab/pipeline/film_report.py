@@ -67,7 +67,6 @@ def sequence_report(
     motions: Sequence[Motion],
     checks: Sequence[Check],
     request: Request,
-    resumed: int,
 ) -> Report:
     """Make the report of a sequence from those of its frames.
 
@@ -75,7 +74,6 @@ def sequence_report(
         reports: one for each frame, as for a single piece.
         motions: into frames 2, 3, … and, last, back to the first.
         checks: of the sequence as a whole.
-        resumed: how many frames an earlier call had searched.
     """
     views, all_checks = _list_views(reports, pieces, frames, motions), [r.checks for r in reports]
     together = (*_merge_checks(all_checks), *checks)
@@ -112,7 +110,6 @@ def sequence_report(
                 closing=motions[-1],
                 verification_s=round(sum(sum(p.verdict.seconds.values()) for p in pieces), 2),
                 loop=request.scene.sequence.loop,
-                resumed=resumed,
             ),
         ),
         notes=(*notes, *(tell_unsliced(sliced) if request.printing else ())),
@@ -141,8 +138,8 @@ def _list_views(
                     part=f"part-{number:02d}.stl",
                     status=report.status,
                     motion=None if number == 1 else motions[number - 2],
-                    began_as=None if frame.origin is None else frame.origin + 1,
-                    transported=frame.transported,
+                    began_as=None if frame.trial is None else frame.trial.attempt.origin + 1,
+                    transported=1.0 if frame.trial is None else frame.trial.found.transported,
                     certificate=Certificate(**vars(log), certified=log.certified),
                     mount=report.print.mount or MountFigures(kind="none"),
                     **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
+from types import SimpleNamespace
+from typing import Any, TypeVar
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -12,38 +14,34 @@ from numpy.typing import NDArray
 from questions import ask_views
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
-from shapely import MultiPolygon, Point, affinity, box
+from shapely import MultiPolygon, Point, affinity
 from validator_parts import trefoil
 
 from knotfab.base.arrays import Array
 from knotfab.base.progress import Progress
-from knotfab.design import film_search as starts
-from knotfab.design.film_motion import Anchor, outline_motion
-from knotfab.design.film_search import (
+from knotfab.design.film import (
     Attempt,
-    Following,
     FrameResult,
-    PictureDifferences,
-    Tie,
     Trial,
     double_vertices,
     finish_frame,
     is_far,
     list_attempts,
     list_retries,
+    pick_start,
+    plan_best,
     search_frame,
 )
+from knotfab.design.film_motion import Anchor, outline_motion
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
-from knotfab.knots import Knot, Knots
-from knotfab.limits.feasibility import Feasibility
-from knotfab.limits.terms import Limits
+from knotfab.knots import Knots
 from knotfab.plan import Attempts, Steps
-from knotfab.problem import CertificateLog, Problem, SearchResult, TargetView
+from knotfab.problem import CertificateLog, Problem, SearchResult
 from knotfab.search.search import search
 from knotfab.start.start import make_start
-from knotfab_formats.scene import ResolvedView, SettledRegion
-from knotfab_formats.search import PRESETS, SearchSettings
+from knotfab_formats.scene import SettledRegion
+from knotfab_formats.search import PRESETS
 
 RADIUS = 5.0
 QUICK = PRESETS["draft"].model_copy(
@@ -96,7 +94,7 @@ def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> No
     start = Knots((trefoil,), RADIUS)  # the type goes along, whatever it is
     found = carry_out(search_frame(start, rings, problems, RADIUS, QUICK, length, [anchor]))
     assert found.sound and found.result.feasible and found.beyond_mm <= 0
-    assert found.points.shape == before.shape  # the same vertices, in their order
+    assert found.result.knots.points.shape == before.shape  # the same vertices, in their order
     assert found.result.knots.knots[0].type == "trefoil"
     assert found.result.log.certified and found.result.log.resamplings == 0
     assert 0 < found.transported <= 1
@@ -113,12 +111,12 @@ def test_a_finished_frame_has_twice_the_vertices_within_limits(first: SearchResu
     still = carry_out(
         finish_frame(logged_anew(first), rings_of(points), ask_one(DISC), RADIUS, QUICK, [])
     )
-    anchor = Anchor(still.points, 2.0, RADIUS)
+    anchor = Anchor(still.result.knots.points, 2.0, RADIUS)
     found = carry_out(
         finish_frame(logged_anew(first), rings_of(points), stiff, RADIUS, QUICK, [anchor])
     )
     for frame in (still, found):
-        assert len(frame.points) == 2 * len(points)
+        assert len(frame.result.knots.points) == 2 * len(points)
         assert frame.sound and frame.result.log.certified
         # the frame's own search is counted with its repair
         for name, guard in frame.result.guards.items():
@@ -128,7 +126,7 @@ def test_a_finished_frame_has_twice_the_vertices_within_limits(first: SearchResu
     assert found.result.guards["bend"].calls > first.guards["bend"].calls
     assert found.result.log.repairs > 0
     assert found.result.feasibility.bend_mm >= 1.02 * bends
-    assert anchor.kept(found.points)
+    assert anchor.kept(found.result.knots.points)
 
 
 @pytest.mark.slow
@@ -159,7 +157,7 @@ def test_a_knot_that_stays_still_is_the_same_knot(first: SearchResult) -> None:
     found = carry_out(
         search_frame(first.knots, rings, problems, RADIUS, settings, 1e9, [anchor], None, True)
     )
-    assert np.array_equal(found.points, points)
+    assert np.array_equal(found.result.knots.points, points)
     assert found.sound and found.result.log.certified and found.transported == 0.0
 
 
@@ -234,131 +232,52 @@ def _legs(apart: int) -> NDArray[np.bool_]:
     return mask
 
 
-def test_a_frame_begins_as_the_one_before() -> None:
-    alike = PictureDifferences([_legs(n) for n in (20, 14, 8, 2)])
-    assert [alike.start_of(k, k - 1, range(k)) for k in (1, 2, 3)] == [0, 1, 2]
+def test_a_frame_begins_as_the_one_before_or_as_one_much_more_like_it() -> None:
+    masks = [_legs(n) for n in (20, 14, 8, 2)]
+    assert [pick_start(masks, k, k - 1, range(k)) for k in (1, 2, 3)] == [0, 1, 2]
     # going backwards it is as the one behind
-    assert [alike.start_of(k, k + 1, range(k + 1, 4)) for k in (2, 1, 0)] == [3, 2, 1]
+    assert [pick_start(masks, k, k + 1, range(k + 1, 4)) for k in (2, 1, 0)] == [3, 2, 1]
+    # legs that part again begin where they were apart
+    masks = [_legs(n) for n in (20, 10, 0, 10, 20)]
+    assert pick_start(masks, 3, 2, range(3)) == 1 and pick_start(masks, 4, 3, range(4)) == 0
 
 
-def test_legs_that_part_again_begin_where_they_were_apart() -> None:
-    alike = PictureDifferences([_legs(n) for n in (20, 10, 0, 10, 20)])
-    assert alike.start_of(3, 2, range(3)) == 1
-    assert alike.start_of(4, 3, range(4)) == 0
-    assert alike.same(1, 3) and not alike.same(1, 2)
+def _best(
+    seen: dict[Attempt, float], ways: Sequence[Attempt], unsound: Sequence[Attempt] = ()
+) -> tuple[Trial, list[Attempt]]:
+    """Try ways whose searches come to the IoU `seen`, or break a limit; return the best and all that ran."""
+    asked: list[Attempt] = []
 
-
-Asked = tuple[int, bool, bool, bool]
-
-
-class _Follow:
-    """Stands for the search: an IoU for (start, whether it must close, has more iterations, stays still).
-
-    `unsound`: what breaks a limit.
-    """
-
-    def __init__(self, seen: dict[Asked, float], unsound: Sequence[Asked] = ()) -> None:
-        self.seen, self.unsound = seen, unsound
-        self.asked: list[Asked] = []
-
-    def __call__(
-        self,
-        before: Knots,
-        rings: object,
-        problems: object,
-        radius: float,
-        settings: SearchSettings,
-        taut_mm: float,
-        anchors: Sequence[Anchor],
-        report: object,
-        still: bool,
-    ) -> Steps[FrameResult]:
+    def plan(way: Attempt) -> Steps[Trial]:
         yield from ()
-        more = settings.fine_iterations > 10
-        asked = int(before.points[0, 0]), len(anchors) == 2, more, still
-        self.asked.append(asked)
-        limits = Limits(2.0, 0.4, 2.2, 1000.0, ROOM)
-        at = np.zeros(3)
-        bend = 1.0 if asked in self.unsound else 3.0
-        measured = Feasibility(bend, at, 5.0, at, -1.0, at, 100.0, limits)
-        seen = (self.seen.get(asked, 0.5),)
-        return FrameResult(SearchResult(before, measured, CertificateLog(), {}, None, seen), -1.0)
+        asked.append(way)
+        result: Any = SimpleNamespace(iou_estimate=seen.get(way, 0.5), feasible=way not in unsound)
+        found = FrameResult(result, -1.0)
+        return Trial(way, found, found if found.sound else None)
+
+    return carry_out(plan_best(ways, plan, 0.96)), asked
 
 
-def _search(
-    monkeypatch: pytest.MonkeyPatch, follow: _Follow, attempts: Sequence[Attempt]
-) -> tuple[Trial, list[Asked]]:
-    """Search frame 3 after frames 0, 1 and 2, whose knots hold their numbers as coordinates."""
-    monkeypatch.setattr(starts, "search_frame", follow)
-
-    def finish(found: SearchResult, *_: object) -> Steps[FrameResult]:
-        yield from ()
-        return FrameResult(found, -1.0)
-
-    monkeypatch.setattr(starts, "finish_frame", finish)
-    monkeypatch.setattr(starts, "opening_iou", lambda *_: 0.99)
-    view = ResolvedView(frame_width_mm=80.0, frame_height_mm=80.0)
-    target = TargetView(view, _legs(10), MultiPolygon([box(0, 0, 9, 9)]))
-    problem = Problem((target,), 0.4, None, 1000.0, ROOM)
-    known = {k: Knots((Knot(np.full((4, 3), float(k))),), 2.0) for k in range(3)}
-    fine = {k: knots.points for k, knots in known.items()}
-    ties = (Tie(2, 3.0), Tie(0, 5.0, loop=True))
-    settings = SearchSettings(fine_iterations=10)
-    rings = polylines_of_sizes((4,))
-    following = Following(
-        3, known, fine, (problem,) * 4, rings, 2.0, settings, 100.0, ties, "simple"
-    )
-    return carry_out(following.search(attempts, lambda *_: None)), follow.asked
-
-
-def test_the_first_trial_that_serves_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    follow = _Follow({(1, True, False, False): 0.98})
-    trial, asked = _search(monkeypatch, follow, list_attempts(1, 2, closes=True, same=False))
-    assert asked == [(1, True, False, False)]
-    assert trial.attempt == Attempt(1) and trial.ended is not None
-    assert trial.found.result.log.template == "the knot of frame 2; of the first one: simple"
-
-
-def test_closing_is_given_up_before_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = {(2, True, False, False): 0.8, (2, False, False, False): 0.98}
-    trial, asked = _search(monkeypatch, _Follow(seen), list_attempts(2, 2, closes=True, same=False))
-    assert asked == list(seen)
-    assert not trial.attempt.closes
-    # where nothing is to close, nothing is bound to
-    _, asked = _search(monkeypatch, _Follow(seen), list_attempts(2, 2, closes=False, same=False))
-    assert asked == [(2, False, False, False)]
-
-
-def test_the_best_of_poor_trials_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = {
-        (0, True, False, False): 0.7,
-        (2, True, False, False): 0.9,
-        (2, False, True, False): 0.8,
-    }
-    trial, asked = _search(monkeypatch, _Follow(seen), list_attempts(0, 2, closes=True, same=False))
-    assert len(asked) == 5 and not any(still for *_, still in asked)
-    assert (trial.attempt.origin, trial.found.result.iou_estimate) == (2, 0.9)
-
-
-def test_a_frame_that_breaks_a_limit_ends_as_its_neighbour(monkeypatch: pytest.MonkeyPatch) -> None:
-    moved = [(2, c, more, False) for c, more in ((True, False), (False, False), (False, True))]
-    follow = _Follow(dict.fromkeys(moved, 0.99), unsound=moved)
-    trial, asked = _search(monkeypatch, follow, list_attempts(2, 2, closes=True, same=False))
-    assert asked[:4] == [*moved, (2, True, False, True)]
-    assert trial.attempt.still and trial.quality == (True, 0.5)
-    # nothing keeps the limits: the best of all, finished all the same
-    held = [(2, True, False, True), (2, False, False, True)]
-    follow = _Follow({moved[0]: 0.99}, unsound=[*moved, *held])
-    trial, asked = _search(monkeypatch, follow, list_attempts(2, 2, closes=True, same=False))
-    assert asked == [*moved, *held]
-    assert trial.found.result.iou_estimate == 0.99 and trial.ended is not None
-
-
-def test_the_same_picture_once_more_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    follow = _Follow({(1, True, False, True): 0.98})
-    trial, asked = _search(monkeypatch, follow, list_attempts(1, 2, closes=True, same=True))
-    assert asked == [(1, True, False, True)]
-    assert trial.attempt.still and trial.attempt.origin == 1
+def test_the_first_trial_that_serves_is_taken() -> None:
+    bound, free = Attempt(2), Attempt(2, False)
+    more, still = Attempt(2, False, 2.0), [Attempt(2, c, still=True) for c in (True, False)]
+    ways = list_attempts(2, 2, closes=True, same=False)
+    assert ways == [bound, free, more, *still]
+    assert _best({bound: 0.98}, ways) == (ANY, [bound])
+    # closing is given up before the picture; where nothing is to close, nothing is bound to
+    trial, asked = _best({bound: 0.8, free: 0.98}, ways)
+    assert asked == [bound, free] and trial.attempt == free
+    assert list_attempts(2, 2, closes=False, same=False) == [free, more, still[1]]
+    # the best of poor trials is kept
+    trial, asked = _best({bound: 0.7, free: 0.9, more: 0.8}, ways)
+    assert asked == ways[:3] and trial.attempt == free
+    # a frame that breaks a limit ends as its neighbour; where nothing keeps them, as the best of all
+    trial, asked = _best(dict.fromkeys(ways[:3], 0.99), ways, ways[:3])
+    assert asked == ways[:4] and trial.quality == (True, 0.5)
+    trial, asked = _best({bound: 0.99}, ways, ways)
+    assert asked == ways and trial.attempt == bound and trial.ended is None
+    # the same picture once more needs no search
+    assert list_attempts(1, 2, closes=True, same=True)[0] == Attempt(1, still=True)
 
 
 def test_a_retry_begins_elsewhere_with_more_iterations() -> None:
