@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -81,6 +81,7 @@ class Attempt:
     closes: bool = True
     effort: float = 1.0
     still: bool = False
+    why: str = field(default="", compare=False)  # the attempt before did not do
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,16 @@ class Trial:
         if self.ended is None:
             return False, self.found.result.iou_estimate
         return self.ended.sound, self.ended.result.iou_estimate
+
+    @property
+    def lack(self) -> str:
+        """Why another attempt follows."""
+        sound, iou = self.quality
+        return (
+            f"it comes to an IoU of {iou:.3f}"
+            if sound
+            else "it breaks a limit or its motion's bound"
+        )
 
 
 @dataclass(frozen=True)
@@ -270,6 +281,7 @@ class Chain:
             self._anchors(ties, way, False),
             report,
             way.still,
+            way.why,
         )
         log = found.result.log
         log.template = f"the knot of frame {way.origin + 1}; of the first one: {self._why}"
@@ -399,7 +411,7 @@ def plan_best(
     for way in ways:
         if way.still and best is not None and best.quality[0]:
             continue  # the last resort for a frame that breaks a limit
-        trial = yield from plan(way)
+        trial = yield from plan(way if best is None else replace(way, why=best.lack))
         if best is None or trial.quality > best.quality:
             best = trial
         if best.quality >= (True, wanted):
@@ -418,6 +430,7 @@ def search_frame(
     anchors: Sequence[Anchor],
     report: Report | None = None,
     still: bool = False,
+    why: str = "",
 ) -> Steps[FrameResult]:
     """Plan the search of a frame from the knots of an earlier one, `before`, whose vertices it keeps.
 
@@ -433,7 +446,7 @@ def search_frame(
     old, new = problems
     log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
     if still:
-        points, what = before.points, "frame: the neighbour's knots"
+        points, what = before.points, "another frame's knots"
         more = {"terms": tuple(anchors), "plan": _plan(settings, ())}
         far, transported = False, 0.0
     else:
@@ -446,13 +459,14 @@ def search_frame(
         log.accepted, log.refused = moved.steps, moved.refused
         log.add_margin(moved.least_margin)
         far, transported = is_far(moved.points, rings, now, light, radius), moved.reached
-        points, what = moved.points @ axes, "frame: another's knots, carried along"
+        points, what = moved.points @ axes, "another frame's knots, carried along"
         # the transport has done half of the work
         phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
         terms = (*anchors, Tautness(taut_mm, radius))
         more = {"terms": terms, "plan": _plan(settings, phases), "report": report}
     start = Start(tuple(rings.split(points)), log.template, log.types, far=far)
-    result = yield Search(what, new, start, radius, settings, more={**more, "log": log})
+    what = f"{new.views[0].view.name} from {what}"
+    result = yield Search(what, new, start, radius, settings, why, {**more, "log": log})
     return FrameResult(result, _largest_excess(result, anchors), transported)
 
 
@@ -478,7 +492,7 @@ def finish_frame(
         log.resamplings_refused += 1
     start = Start(tuple(both.split(doubled.points)), log.template, log.types)
     more = {"terms": tuple(anchors), "plan": _plan(settings, ()), "log": log}
-    what = "frame: twice the vertices"
+    what = f"{problem.views[0].view.name} with twice the vertices"
     result = yield Search(what, problem, start, radius, settings, more=more)
     result.add_work(earlier)
     return FrameResult(result, _largest_excess(result, anchors))
