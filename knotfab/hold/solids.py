@@ -1,4 +1,4 @@
-"""The solids of which mounts are united and which STEP holds exactly, each in its place."""
+"""The solids of which mounts are united, each in its place."""
 
 from __future__ import annotations
 

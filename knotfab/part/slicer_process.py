@@ -214,7 +214,16 @@ class NotSliced:
     said: str = ""  # PrusaSlicer's words
 
 
-_SUMMED = "time_s filament_m filament_g support_m layers objects retractions seconds".split()
+_SUMMED = [
+    "time_s",
+    "filament_m",
+    "filament_g",
+    "support_m",
+    "layers",
+    "objects",
+    "retractions",
+    "seconds",
+]
 
 
 def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
