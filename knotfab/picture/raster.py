@@ -240,7 +240,8 @@ def _without_side_data(data: bytes) -> bytes:
     """
     if not data.startswith(_PNG):
         return data
-    kept, at = [_PNG], len(_PNG)
+    kept: list[bytes | memoryview] = [_PNG]
+    at = len(_PNG)
     while at + 12 <= len(data):
         end = at + 12 + int.from_bytes(data[at : at + 4], "big")
         kind, whole = data[at + 4 : at + 8], memoryview(data)[at:end]
