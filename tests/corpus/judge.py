@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.base.pool import Workers
 from knotfab.pipeline.strangers import plain_arrays
 from knotfab_formats.errors import InputError
 from knotfab_validators import Check, Verdict, validate
@@ -92,9 +91,6 @@ def _distance(named: Sequence[Place], true: Sequence[Place]) -> float | None:
     return float(np.linalg.norm(apart, axis=2).min())
 
 
-reader = Workers("knotfab.pipeline.strangers", early=False)
-
-
 def validate_file(
     part: Path | None, knots: Path | None, scene: Path | None, **more: Any
 ) -> Verdict:
@@ -112,9 +108,8 @@ def read_mesh(path: Path, unit: str = "mm", notes: list[str] | None = None) -> M
 
 @contextlib.contextmanager
 def _plain(part: Path | None) -> Iterator[Path | None]:
-    """The reader of OBJ and PLY alone has its own process, which is kept."""
     try:
-        with plain_arrays(part, reader) as read:
+        with plain_arrays(part) as read:
             yield read
     except InputError as error:
         raise BadFile(f"{error.what}: {error.why}") from error
