@@ -27,6 +27,23 @@ from knotfab_formats.verdict import Check, Colours, Recognition, View
 
 
 @dataclass(frozen=True, kw_only=True)
+class Row:
+    """One thing to know or to do, in a sentence without its subject's name.
+
+    `status` is "fail", "warn", "do" or "info"; `where` names a view; `remedy` is the one option that helps.
+    """
+
+    name: str
+    value: float | str | None = None
+    unit: str = ""
+    limit: float | str | None = None
+    status: str = "info"
+    where: str = ""
+    remedy: str = ""
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class EffectLine:
     """One effect of light or world: how it was judged, and the stages that ran it."""
 
@@ -221,7 +238,8 @@ class Report:
 
     `status` follows from the checks, `verdict` is that of the worst view; the limits stand among `effects`
     too; `timings` are seconds by stage, and their `total`; `notes` are sentences that a reader must not miss,
-    `warnings` those without which the verdict would deceive: they stand before it.
+    `warnings` those without which the verdict would deceive; `rows` are what a reader is told of all this,
+    the most pressing first.
     """
 
     schema: int = 1
@@ -240,6 +258,7 @@ class Report:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] | None = None
     attempts: tuple[AttemptFigures, ...] = ()
+    rows: tuple[Row, ...] | None = None
     binding: tuple[Price, ...] | None = None
     slicer: SlicerFigures | None = None
     next_step: NextStep | None = None

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Mask
-from knotfab.report.summary import last_line, mark_of, tell_result, tell_word
+from knotfab.report.summary import mark_of, tell_word
 from knotfab_formats.scene import ResolvedView
 
 if TYPE_CHECKING:
     from knotfab.knots import Knots
     from knotfab.request import Outcome
     from knotfab_formats.piece import Material, Printer
-    from knotfab_formats.report import KnotFigures, Report
+    from knotfab_formats.report import Report
     from knotfab_formats.verdict import Check
 
 _MARKS = {
@@ -27,6 +27,7 @@ _MARKS = {
     "warn": "[yellow]warn[/]",
     "skipped": "[yellow]skip[/]",
 }
+_MOST_ROWS = 7
 _WORDS = {"faithful": "green", "good": "green", "coarse": "yellow", "not recognisable": "red"}
 
 UNABLE = (
@@ -79,7 +80,7 @@ def print_checks(checks: Sequence[Check]) -> None:
 
 
 def print_summary(outcome: Outcome, verbose: bool = False) -> None:
-    """Print where the result is, how good it is, and what did not pass; figures too if `verbose`."""
+    """Print how a build ended, and what to know or do about it: eight lines; all rows if `verbose`."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -88,36 +89,17 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     report, console = outcome.found, Console(highlight=False, soft_wrap=True)
     status = "[green]pass[/]" if outcome.exit_code == 0 else "[red]fail[/]"
     folder, seconds = escape(str(outcome.folder)), report.timings["total"]
-    for warning in report.warnings or ():
-        console.print(f"[yellow]warning:[/] {escape(warning)}.")
-    console.print(f"{status}{_format_verdict(report)}  {folder}  in {seconds:.0f} s")
-    for reason in () if report.verdict is None else report.verdict.reasons:
-        console.print(f"  {escape(reason)}")
-    for line in tell_result(report, verbose):
-        console.print(f"  {escape(line)}")
+    console.print(
+        f"{status}{_format_verdict(report)}  in {seconds:.0f} s: open {folder}/report.html"
+    )
+    for row in (report.rows or ())[: None if verbose else _MOST_ROWS]:
+        colour = {"fail": "red", "warn": "yellow"}.get(row.status)
+        mark = f"[{colour}]{row.status}:[/] " if colour else ""
+        console.print(f"  {mark}{escape(row.text)}")
     if verbose:
-        radius = report.settings.tube_radius_mm
-        console.print(f"  tube radius {radius:.3f} mm{_describe_curvature(report.knots)}")
         console.print(f"  {tell_stages(report.timings)}")
-    for note in report.notes:
-        console.print(f"  {escape(note)}")
-    if report.next_step is not None:
-        console.print(f"  {escape(report.next_step.sentence)}")
-    if outcome.exit_code != 0:
-        print_checks([c for c in report.checks if c.status != "pass"])
     if outcome.exit_code == 3:
         console.print(UNABLE)
-    console.print(f"  {last_line(report)}open {folder}/report.html")
-
-
-def _describe_curvature(knots: Sequence[KnotFigures]) -> str:
-    """Describe how smooth the knots are: the curvature of the least graceful, and the turns of all."""
-    if not knots:
-        return ""
-    mean = max(knot.mean_curvature_radii for knot in knots)
-    most = max(knot.curvature_90_radii for knot in knots)
-    turns = sum(knot.turns for knot in knots)
-    return f", curvature × radius {mean:.2f} (90% below {most:.2f}), {turns:.0f} turns"
 
 
 def _format_verdict(report: Report) -> str:

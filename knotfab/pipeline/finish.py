@@ -16,15 +16,7 @@ from knotfab.part.slicer_process import NotSliced, Sliced
 from knotfab.pipeline.piece import WrittenPiece
 from knotfab.pipeline.settle import tell_depth
 from knotfab.report.drill_template import write_drill_template
-from knotfab.report.effects import (
-    advise_nearer_wall,
-    advise_widening,
-    judge_made,
-    list_sags,
-    list_views,
-    tell_bounds,
-    tell_warnings,
-)
+from knotfab.report.effects import judge_made, list_sags, list_views, tell_bounds, tell_warnings
 from knotfab.report.folder_page import write_page
 from knotfab.report.for_maker import check_slicing, tell_setup, tell_unsliced, with_slicing
 from knotfab.report.pictures import draw_agreement, turn_piece
@@ -37,12 +29,11 @@ from knotfab.report.report import (
     print_of,
     report_of,
     tell_binding,
-    tell_mount,
-    tell_plate,
     write_report_json,
 )
+from knotfab.report.rows import list_rows
 from knotfab.report.setup import draw_sheets, write_setup
-from knotfab.report.supports import tell_supports
+from knotfab.report.supports import report_supports
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.print_figures import PlateFigures
@@ -103,8 +94,7 @@ def report_piece(
         how = piece.flattening, piece.suffix
         print_, laid = report_posing(print_, part, *how, printing=printing, access=access)
         if printing:
-            print_, told = tell_supports(print_, request, part, checks)
-            laid += [] if piece.suffix else told
+            print_ = report_supports(print_, request, part, checks)
         notes = _list_notes(piece, request, views, sliced, (turned, laid))
         found = verdict, checks, views, print_, notes, sliced
         return report_of(request, made, piece.knots, *found)
@@ -159,8 +149,6 @@ def _list_notes(
     assert part is not None
     turned, laid = found
     return [
-        *tell_mount(len(piece.knots.knots), part.mounted.figures, len(targets) == 1, len(targets)),
-        *tell_plate(_plate_of(piece), part.mounted.scene),
         *(tell_unsliced(sliced) if request.printing else ()),
         *piece.notes,
         *filter(None, [part.framing[1]]),
@@ -168,7 +156,6 @@ def _list_notes(
         *turned,
         *tell_binding(made),
         *tell_warnings(made.result.effects),
-        *advise_nearer_wall(views, made),
         *tell_bounds(made, targets),
         *laid,
     ]
@@ -221,13 +208,13 @@ def finish_build(
         title=title,
         timings=timings,
         next_step=plan_next_step(report, timings),
-        notes=(*report.notes, *advise_widening(report.verdict, pieces[0].scene)),
         warnings=(
             *tell_lowered(report.checks),
             *tell_other_tube(request.previewed_radius_mm, pieces[0].made.knots.radius_mm),
         )
         or None,
     )
+    report = replace(report, rows=list_rows(report))
     write_report_json(folder.file("report.json"), report)
     write_page(folder.work)
     code = exit_code(report.checks)

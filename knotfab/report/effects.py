@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from knotfab_formats.report import EffectLine, LimitLine
-from knotfab_formats.verdict import Misplacement, Recognition, Sag, Verdict, View, WorstMove
+from knotfab_formats.verdict import Misplacement, Sag, Verdict, View, WorstMove
 
 if TYPE_CHECKING:
     from knotfab.base.arrays import Array, Mask
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
     from knotfab.effects.base import Decision
     from knotfab.picture.read import Target
     from knotfab.problem import SearchResult
-    from knotfab_formats.scene import ResolvedScene, SettledScene
+    from knotfab_formats.scene import ResolvedScene
 
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
@@ -150,41 +149,6 @@ def tell_move(
     return f"the {what} {off.lamp_mm:g} mm {LAMP_WAYS[move.way]}"
 
 
-def advise_nearer_wall(views: Sequence[View], made: Design) -> list[str]:
-    """Say what a wide lamp's shadow would gain from a nearer wall, one sentence for each view.
-
-    The blur adds to the error in brightness in proportion to its width. So the part of the measured error
-    above the hard shadow's is scaled by the ratio of the strands' mean blur at the two walls.
-    """
-    from knotfab.design.room import least_wall_mm
-    from knotfab.scene.camera import view_axes
-
-    points, radius, said = made.knots.points, made.knots.radius_mm, list[str]()
-    for view, found in zip(made.scene.views, views, strict=False):
-        if found.penumbra is None or view.wall_tilt_deg != 0 or made.scene.share_wall:
-            continue  # lamps before one screen have the distance at which their pieces stand apart
-        z, light = points @ view_axes(view)[2], view.light_distance_mm
-        depth, back = made.scene.piece.depth, -float(z.min())
-        back = max(back, 0.5 * depth) if depth else back
-        near = float(ceil(least_wall_mm(back, radius)))
-        if not 0 < near < view.wall_distance_mm:
-            continue
-
-        def blur(wall: float, z: Any = z, light: float = light) -> float:
-            return float(((wall + z) / (light - z)).mean()) * light / (light + wall)
-
-        error = found.penumbra.brightness_error
-        hard = min(found.penumbra.hard_error, error)
-        left = hard + (error - hard) * blur(near) / blur(view.wall_distance_mm)
-        if error - left >= _GAIN:
-            said.append(
-                f"Move the piece nearer the wall: built for --wall-distance {near:g} "
-                f"({view.wall_distance_mm:g} mm now), the error in brightness of a lamp of "
-                f"{view.light_size_mm:g} mm falls from {error:.3f} to about {left:.3f}."
-            )
-    return said
-
-
 def list_views(
     views: Sequence[View], made: Design, targets: Sequence[Target], sags: Sequence[Sag | None]
 ) -> list[View]:
@@ -222,28 +186,3 @@ def tell_bounds(made: Design, targets: Sequence[Target]) -> list[str]:
     bent = any(target.bending is not None for target in targets)
     said = [f"The pictures are {tell_bending(targets, made.bounds)}."] if bent else []
     return [*said, *contradictions(made.scene.views, made.bounds)]
-
-
-def advise_widening(verdict: Recognition | None, scene: SettledScene) -> list[str]:
-    """Advise --thicken where what is lost is thinner than the tube's shadow; otherwise nothing.
-
-    A larger picture is not advised: its strokes, once wider than one tube and not yet as wide as
-    two, are drawn no better.
-
-    Args:
-        scene: of the piece, or of a sequence's first frame.
-    """
-    if verdict is None or verdict.word in ("faithful", "good") or scene.views[0].thicken_mm:
-        return []
-    thin = [
-        loss
-        for loss in verdict.lost
-        if loss.what in ("piece", "stroke", "text") and 0.0 < loss.size_mm < loss.needed_mm
-    ]
-    if not thin:
-        return []
-    least = min(thin, key=lambda loss: loss.size_mm)
-    return [
-        f"What is lost is as thin as {least.size_mm:.1f} mm, and the tube's shadow is "
-        f"{least.needed_mm:.1f} mm wide: --thicken auto widens thin strokes to it."
-    ]

@@ -25,10 +25,7 @@ VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
 VERDICTS = {
     "faithful": ("A faithful likeness.", "The shadow is the picture."),
     "good": ("A good likeness.", "The shadow is the picture; who looks closely finds differences."),
-    "coarse": (
-        "Warning: coarse.",
-        "The shadow can be known again, but parts of the picture are lost.",
-    ),
+    "coarse": ("Warning: coarse.", "The shadow can be known again; what it lacks is named below."),
     "not recognisable": (
         "Warning: not recognisable.",
         "A person would hardly know the picture by its shadow.",

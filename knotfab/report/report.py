@@ -22,7 +22,7 @@ from knotfab.request import Request
 from knotfab.scene.catalogue import title_of
 from knotfab_formats.errors import plain
 from knotfab_formats.libraries import list_parts
-from knotfab_formats.print_figures import MountFigures, PlateFigures, Print
+from knotfab_formats.print_figures import MountFigures, Print
 from knotfab_formats.report import (
     Certificate,
     KnotFigures,
@@ -32,7 +32,6 @@ from knotfab_formats.report import (
     Report,
     Settings,
 )
-from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.check import at_most
@@ -217,41 +216,6 @@ def write_report_json(path: Path, report: Report) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def tell_mount(knots: int, mount: MountFigures, hangs: bool, views: int) -> list[str]:
-    """Say what a reader must not miss about a mount, or about a piece without one.
-
-    Args:
-        knots, views: their numbers. hangs: whether a wall mount could hold the piece.
-    """
-    loose = f"Its {knots} knots are loose pieces; the file keeps them in place."
-    if mount.kind == "none":
-        without = "Nothing holds the knots: this piece has no mount"
-        kind = "wall" if hangs else "stand"
-        how = f"; --mount {kind} adds one."
-        return [without + how, loose] if knots > 1 else [without + how]
-    if mount.foot == "dowel":
-        each = " Each knot has its own." if knots > 1 else ""
-        return [f"Its {mount.pegs} pegs go into holes drilled in the wall.{each}"]
-    if mount.kind == "hang" and views == 1 and mount.second_thread_mm is None:
-        return [
-            "It hangs on one thread and can turn, since two eyelets have no room above it, or would let it "
-            "sag too much: hold it still until you see its picture."
-        ]
-    return []
-
-
-def tell_plate(plate: PlateFigures | None, scene: ResolvedScene) -> list[str]:
-    """Say how a plate in which the piece stands is printed."""
-    if plate is None:
-        return []
-    off = " and with supports off" if scene.piece.supports == "none" else ""
-    return [
-        f"Print it as it lies, plate down{off}. A change of filament at "
-        f"{plate.change_at_mm:g} mm, before layer {plate.change_layer}, gives a light screen and a dark "
-        "piece: slicer.ini holds the line for it. Of one filament, take a light one."
-    ]
-
-
 # Where a build's time went, and what the next better accuracy would buy and cost.
 
 _MEASURED = Path(__file__).with_name("next_step.json")
@@ -292,14 +256,13 @@ def plan_next_step(report: Report, timings: Mapping[str, float]) -> NextStep | N
         for stage, seconds in own["seconds"].items()
     )
     # the least IoU that a sentence can say
-    bought = f"about {100 * gain:.1g}%" if gain > 5e-5 else "hardly"
+    bought = f"about {100 * gain:.1f}%" if gain > 5e-4 else "hardly"
     longer = f"in about {more:.0f} s more" if more >= 0.5 else "in about the same time"
     return NextStep(
         accuracy=better["accuracy"],
         iou_gain=gain,
         seconds_more=more,
-        sentence=f"--accuracy {better['accuracy']} would come {bought} nearer to the picture {longer} "
-        f"(an estimate by {study['pictures']} pictures).",
+        sentence=f"--accuracy {better['accuracy']} would come {bought} nearer to the picture {longer}.",
     )
 
 

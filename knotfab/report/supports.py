@@ -26,16 +26,14 @@ ROOM = 0.02
 _BED_MM = 1e-6  # what is no higher lies on the bed
 
 
-def tell_supports(
-    print_: Print, request: Request, part: Part, checks: Sequence[Check]
-) -> tuple[Print, list[str]]:
-    """Add to a sliced piece's figures how it is held while it prints, and say so in a sentence.
+def report_supports(print_: Print, request: Request, part: Part, checks: Sequence[Check]) -> Print:
+    """Add to a sliced piece's figures how it is held while it prints.
 
     Only prints of filament are held by anything.
     """
     scene = part.mounted.scene
     if {scene.printer.process, scene.material.process} != {"filament"}:
-        return print_, []
+        return print_
     print_ = replace(print_, bars=_weigh_bars(part), feet=_measure_feet(part, checks))
     free = request.otherwise is not None or bool(request.why_supported)
     way = "none" if scene.piece.supports == "none" else "slicer"
@@ -48,8 +46,7 @@ def tell_supports(
         grams=print_.filament_g,
         other=None if request.why_supported else estimate_other(print_, scene, request.scene),
     )
-    print_ = replace(print_, supports=supports)
-    return print_, _say(print_, supports)
+    return replace(print_, supports=supports)
 
 
 def _why(scene: ResolvedScene, free: bool) -> str:
@@ -139,20 +136,3 @@ def _measure_feet(part: Part, checks: Sequence[Check]) -> FeetFigures | None:
         least_mm2=round(min(areas), 2),
         tip_deg=round(tip, 1) if isinstance(tip, float) else None,
     )
-
-
-def _say(print_: Print, supports: SupportFigures) -> list[str]:
-    other, bars, feet = supports.other, print_.bars, print_.feet
-    price = "" if other is None else f"about {other.grams:.0f} g and {other.hours:.1f} h"
-    if supports.way == "none":
-        said = "It prints with supports off"
-        said += "" if feet is None else f", on {feet.count} feet of {feet.area_mm2:.0f} mm² in all"
-        if bars is not None:
-            said += f"; its {bars.count} bars, up to {bars.longest_mm:.1f} mm long, are broken off"
-        return [
-            said + (f"; with the slicer's it would take {price}, an estimate." if price else ".")
-        ]
-    if supports.asked != "slicer":
-        return [f"It has the slicer's supports: {supports.why}."]
-    how = "Without supports (--supports none) it would take"
-    return [f"{how} {price}, an estimate, if every check of it passes."] if price else []

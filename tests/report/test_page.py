@@ -298,9 +298,10 @@ def test_page_survives_what_could_not_be_measured() -> None:
     assert "IoU –" in text and "nan" not in text.lower() and "None" not in text
 
 
-def test_notes_are_extra() -> None:
-    report = report_with(notes=["Nothing holds the 3 loose knots."])
-    assert report.notes[0] in Page(render_html(report)).text
+def test_what_a_person_can_do_stands_on_top() -> None:
+    rows = [{"name": "mount", "text": "nothing holds the 3 loose knots"}]
+    head = render_html(report_with(rows=rows)).split("</header>")[0]
+    assert "<li>Nothing holds the 3 loose knots.</li>" in head
 
 
 def test_optional_print_numbers() -> None:

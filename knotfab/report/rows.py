@@ -1,0 +1,173 @@
+"""A report as rows, the most pressing first: terminal, page, batch and studio print them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from knotfab.knots import count_in_words
+from knotfab.report.effects import tell_move
+from knotfab.report.summary import tell_share, told_iou
+from knotfab_formats.report import Report, Row
+from knotfab_formats.verdict import list_unmet
+
+# z of `recognition` from which a picture may be guessed, and is read, from the side
+_GUESSED, _PLAIN = 2.0, 3.0
+_PRESSING = ("fail", "warn", "do", "info")
+
+
+def list_rows(report: Report) -> tuple[Row, ...]:
+    """List what a person can know or do about a piece, the most pressing first."""
+    found = [
+        *_list_failures(report),
+        *(Row(name="warning", status="warn", text=f"{text}.") for text in report.warnings or ()),
+        *_list_losses(report),
+        *_list_likeness(report),
+        *_list_aside(report),
+        *_list_piece(report),
+        *_list_printing(report),
+        *(Row(name="note", text=note) for note in report.notes),
+        *_list_next(report),
+    ]
+    return tuple(sorted(found, key=lambda row: _PRESSING.index(row.status)))
+
+
+def _list_failures(report: Report) -> Iterator[Row]:
+    for check in list_unmet(report.checks):
+        did = "did not run" if check.status == "skipped" else "failed"
+        yield Row(
+            name=check.name,
+            value=check.measured,
+            unit=check.unit,
+            limit=check.limit,
+            status="fail",
+            text=f"{check.name} {did}: {check.detail}",
+        )
+
+
+def _list_losses(report: Report) -> Iterator[Row]:
+    """Name what is lost; strokes for want of width come with the option that widens them."""
+    verdict, asked = report.verdict, report.settings.command
+    if verdict is None or not verdict.reasons:
+        return
+    strokes = [loss for loss in verdict.lost if loss.what in ("piece", "stroke", "text")]
+    thin = "--thicken" not in asked and any(0.0 < s.size_mm < s.needed_mm for s in strokes)
+    worst = verdict.lost[0] if verdict.lost else None
+    said = "; ".join(verdict.reasons)
+    poor = verdict.word not in ("faithful", "good")
+    remedy = "--thicken auto" if poor and thin else ""
+    yield Row(
+        name="losses",
+        value=len(verdict.lost),
+        status="warn" if poor else "info",
+        where=(worst and worst.view) or "",
+        remedy=remedy,
+        text=said + (f": {remedy} widens what is thinner than the tube's shadow" if remedy else ""),
+    )
+
+
+def _list_likeness(report: Report) -> Iterator[Row]:
+    """Tell the least likeness; of several views or frames, also where and the best."""
+    views, mount = report.views, report.print.mount
+    if not views:
+        return
+    standing = mount is not None and mount.kind == "stand"
+    # a part that the desk hides below the frame is no fault of the picture
+    ious = [told_iou(view.iou, view.iou_frame, standing) for view in views]
+    least = min(range(len(views)), key=ious.__getitem__)
+    view = views[least]
+    said = f"{tell_share(ious[least])} alike" + (" in the frame" if standing else "")
+    if len(views) > 1:
+        said = f"{view.name}: {said}, the least of {len(views)}"
+    if view.bending is not None and view.iou_drawn is not None:
+        said += f", {tell_share(view.iou_drawn)} with it as bent"
+    if (off := view.misplacement) is not None and off.worst is not None:
+        apart = None if mount is None else mount.threads_apart_mm
+        said += f"; {off.worst.fitted:.0%} with {tell_move(off.worst, off, view.kind, apart)}"
+    yield Row(name="likeness", value=ious[least], limit=view.bound, where=view.name, text=said)
+    if (colours := report.colours) is not None:
+        right = f"{tell_share(colours.share)} of the picture has its right colour"
+        yield Row(name="colours", value=colours.share, text=right)
+
+
+def _list_aside(report: Report) -> Iterator[Row]:
+    """Say how well the picture is read by who looks at the piece itself, 45 degrees aside."""
+    named = [(view.recognition or {}).get("45") for view in report.views]
+    seen = [one.z for one in named if one is not None]
+    if not seen or report.print.parts is not None:
+        return
+    z, mount = max(seen), report.print.mount
+    word = "is not read" if z < _GUESSED else "may be guessed" if z < _PLAIN else "is read"
+    board = mount is not None and mount.plate == "outline"
+    remedy = "--plate full" if board and z >= _GUESSED else ""
+    yield Row(
+        name="aside",
+        value=z,
+        limit=_GUESSED,
+        where="45°",
+        remedy=remedy,
+        text=f"from 45° aside its picture {word} (z {z:.1f})"
+        + (f"; {remedy} hides its outline" if remedy else ""),
+    )
+
+
+def _list_piece(report: Report) -> Iterator[Row]:
+    """Tell size, hours, grams and knots."""
+    piece = report.print
+    count = count_in_words(len(report.knots) // (piece.parts or 1))
+    knots = f"{count} of a tube {2 * report.settings.tube_radius_mm:.1f} mm thick"
+    mass = piece.filament_g or piece.mass_g
+    if not piece.mass_g:
+        yield Row(name="piece", text=f"no part; {knots}")
+        return
+    said = [" × ".join(f"{side:.0f}" for side in piece.bounding_box_mm or ()) + " mm"]
+    said += [] if piece.time_s is None else [f"{piece.time_s / 3600:.1f} h"]
+    said += [
+        f"{mass:.0f} g" + (f", {piece.support_g:.0f} g of it supports" if piece.support_g else "")
+    ]
+    where = "" if piece.parts is None else f"{piece.parts} frames, "
+    yield Row(name="piece", value=mass, unit="g", text=f"{where}{', '.join(said)}; {knots}")
+
+
+def _list_printing(report: Report) -> Iterator[Row]:
+    """Say how to print the piece and what to do with it before it hangs."""
+    piece, mount = report.print, report.print.mount
+    loose = len(report.knots) > 1 and piece.parts is None
+    if mount is not None and mount.kind == "none":
+        kind = "wall" if len(report.views) == 1 and loose else "stand"
+        kept = " Its knots are loose pieces, which the file keeps in place." if loose else ""
+        yield Row(
+            name="mount",
+            value="none",
+            remedy=f"--mount {kind}",
+            text=f"Nothing holds it: --mount {kind} adds what does.{kept}",
+        )
+    one_thread = mount is not None and mount.kind == "hang" and mount.second_thread_mm is None
+    if one_thread and len(report.views) == 1:
+        said = "It hangs on one thread and can turn: hold it still until you see its picture."
+        yield Row(name="thread", value=1, status="do", text=said)
+    if mount is not None and mount.foot == "dowel":
+        said = f"Its {mount.pegs} pegs go into holes drilled in the wall."
+        yield Row(name="holes", value=mount.pegs, status="do", text=said)
+    supports = piece.supports
+    if supports is None:
+        return
+    said = "Print it as it lies, "
+    said += "supports off" if supports.way == "none" else f"with supports: {supports.why}"
+    if (plate := piece.plate) is not None:
+        said += f"; change the filament before layer {plate.change_layer} for a light screen"
+    if (bars := piece.bars) is not None:
+        said += f"; break its {bars.count} bars off, up to {bars.longest_mm:.1f} mm long"
+    other = supports.other
+    if other is not None and supports.asked == "slicer":
+        said += f"; --supports none would take about {other.grams:.0f} g and {other.hours:.1f} h"
+    yield Row(name="supports", value=supports.way, status="do", text=f"{said}.")
+
+
+def _list_next(report: Report) -> Iterator[Row]:
+    if (step := report.next_step) is not None:
+        yield Row(
+            name="next",
+            value=step.iou_gain,
+            remedy=f"--accuracy {step.accuracy}",
+            text=step.sentence,
+        )

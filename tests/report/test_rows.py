@@ -1,0 +1,83 @@
+"""What a person is told of a report: rows, the most pressing first, each with one remedy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from reports import LOSS, VERDICT, check_of, report_with
+
+from knotfab.report.rows import list_rows
+from knotfab_formats.report import Row
+
+OFF = {
+    "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.95, "samples": 7, "lamp_iou": {},
+    "lamp_iou_per_mm": {}, "worst": {"of": "turn", "way": "up", "raw": 0.9, "fitted": 0.966},
+}  # fmt: skip
+SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60.0, "other": None}
+
+
+def view(iou: float, z: float = 1.6, **more: Any) -> dict[str, Any]:
+    return {"iou": iou, "iou_frame": iou, "recognition": {"45": {"z": z, "first": False}}, **more}
+
+
+def lost(word: str, what: str = "stroke", size: float = 1.0) -> dict[str, Any]:
+    loss = {**LOSS, "view": "front", "what": what, "size_mm": size, "needed_mm": 1.6}
+    return {**VERDICT, "word": word, "lost": [loss]}
+
+
+def rows(**sections: Any) -> dict[str, Row]:
+    return {row.name: row for row in list_rows(report_with(**sections))}
+
+
+# sections of a report, a row, and what it holds
+TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
+    ({"views": [view(0.99962)]}, "likeness", {"value": 0.99962, "text": "99.9% alike"}),
+    ({"views": [view(0.9), view(0.8, name="side")]}, "likeness",
+     {"where": "side", "text": "side: 80.0% alike, the least of 2"}),
+    ({"views": [{"iou": 0.7, "iou_frame": 0.95}], "print": {"mount": {"kind": "stand"}}}, "likeness",
+     {"text": "95.0% alike in the frame"}),
+    ({"views": [view(0.957, misplacement=OFF)]}, "likeness",
+     {"text": "95.7% alike; 97% with the piece turned by 1° left or right"}),
+    ({"views": [view(0.9, 1.6)]}, "aside", {"remedy": "", "text": "is not read (z 1.6)"}),
+    ({"views": [view(0.9, 2.5)]}, "aside", {"text": "may be guessed (z 2.5)"}),
+    ({"views": [view(0.9, 3.3)], "print": {"mount": {"kind": "wall", "plate": "outline"}}}, "aside",
+     {"remedy": "--plate full", "text": "is read (z 3.3); --plate full"}),
+    ({"verdict": lost("coarse")}, "losses", {"status": "warn", "remedy": "--thicken auto"}),
+    ({"verdict": lost("coarse", "hole")}, "losses", {"status": "warn", "remedy": ""}),
+    ({"verdict": lost("coarse", size=2.0)}, "losses", {"remedy": ""}),
+    ({"verdict": lost("good")}, "losses", {"status": "info", "remedy": ""}),
+    ({"print": {"time_s": 9000.0, "filament_g": 42.0, "support_g": 13.0}}, "piece",
+     {"value": 42.0, "unit": "g", "text": "178 × 172 × 109 mm, 2.5 h, 42 g, 13 g of it supports; one knot"}),
+    ({"print": {"bounding_box_mm": None, "mass_g": 0.0}}, "piece",
+     {"text": "no part; one knot of a tube 4.0 mm thick"}),
+    ({"print": {"mount": {"kind": "none"}}}, "mount", {"remedy": "--mount stand"}),
+    ({"print": {"mount": {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0]}}}, "thread", {"status": "do"}),
+    ({"print": {"mount": {"kind": "wall", "foot": "dowel", "pegs": 5}}}, "holes", {"text": "Its 5 pegs"}),
+    ({"print": {"supports": SUPPORTS, "bars": {"count": 3, "grams": 1.0, "longest_mm": 8.3}}}, "supports",
+     {"status": "do", "text": "supports off; break its 3 bars off, up to 8.3 mm long."}),
+    ({"print": {"supports": {**SUPPORTS, "way": "slicer", "why": "legs failed"}}}, "supports",
+     {"text": "with supports: legs failed."}),
+    ({"checks": [check_of("shadow", "fail", detail="it is not the picture").__dict__]}, "shadow",
+     {"status": "fail", "limit": 2.2, "text": "shadow failed: it is not the picture"}),
+    ({"warnings": ["front: unsure"]}, "warning", {"status": "warn", "text": "front: unsure."}),
+    ({"next_step": {"accuracy": "fine", "iou_gain": 0.01, "seconds_more": 9, "sentence": "better"}}, "next",
+     {"remedy": "--accuracy fine", "text": "better"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("sections", "name", "held"), TOLD)
+def test_a_row_holds(sections: dict[str, Any], name: str, held: dict[str, Any]) -> None:
+    row = rows(**sections)[name]
+    for key, value in held.items():
+        found = getattr(row, key)
+        assert value in found if key == "text" else found == value
+
+
+def test_what_presses_stands_first() -> None:
+    failed = [check_of("shadow", "fail").__dict__]
+    found = list_rows(
+        report_with(checks=failed, warnings=["unsure"], notes=["n"], print={"supports": SUPPORTS})
+    )
+    ranks = [("fail", "warn", "do", "info").index(row.status) for row in found]
+    assert ranks == sorted(ranks) and {0, 1, 2, 3} == set(ranks)
