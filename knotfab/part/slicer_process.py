@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from knotfab.base.pool import tie
 from knotfab_formats.print_figures import SlicerCheck, SlicerWarning
@@ -214,18 +214,6 @@ class NotSliced:
     said: str = ""  # PrusaSlicer's words
 
 
-_SUMMED = [
-    "time_s",
-    "filament_m",
-    "filament_g",
-    "support_m",
-    "layers",
-    "objects",
-    "retractions",
-    "seconds",
-]
-
-
 def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
     """Sum the figures of several files; if one could not be sliced, return the first such answer.
 
@@ -239,12 +227,15 @@ def sum_slicings(files: Mapping[str, Sliced | NotSliced]) -> Sliced | NotSliced:
     first, *others = all_.values()
     if not others:
         return first
-    layers = sum(one.layers for one in all_.values())
     starts = sum(one.starts_per_layer * one.layers for one in all_.values())
+    figures: dict[str, Any] = {
+        key: sum(getattr(one, key) for one in all_.values())
+        for key, value in vars(first).items()
+        if isinstance(value, int | float)
+    }
     return replace(
         first,
-        **{key: sum(getattr(one, key) for one in all_.values()) for key in _SUMMED},
-        starts_per_layer=starts / max(layers, 1),
+        **figures | {"starts_per_layer": starts / max(figures["layers"], 1)},
         command=re.sub(r"-\d+\.(3mf|gcode)\b", r"-N.\1", first.command),
         warnings=tuple(
             replace(w, text=f"{name}: {w.text}") for name, one in all_.items() for w in one.warnings
