@@ -276,3 +276,18 @@ def test_a_line_is_judged_as_wide_as_it_is_drawn() -> None:
 def test_a_tube_of_another_width_than_the_strokes_is_rejected(times: float) -> None:
     width = 2 * RADIUS * VIEW.magnification
     assert status(judge(width, times * RADIUS), width)[0] == "fail"
+
+
+@pytest.mark.parametrize(
+    ("off", "told"), [(0.0, True), (2e-15, True), (1e-9, True), (1e-3, False), (None, False)]
+)
+def test_a_closing_point_is_not_repeated_but_for_rounding(off: float | None, told: bool) -> None:
+    t = np.linspace(0.0, 2 * np.pi, 61)[: None if off is not None else -1]
+    points = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    points[-1, 2] += off or 0.0
+    knots = {"schema": 1, "radius_mm": 0.1, "knots": [{"points": points.tolist()}]}
+    if not told:
+        assert len(parse_knots(knots).polygons[0]) == len(points)
+        return
+    with pytest.raises(BadFile, match="the last point joins the first, it must not be repeated"):
+        parse_knots(knots)

@@ -230,6 +230,11 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
     )
 
 
+ROUNDED = (
+    1e-6  # share of a usual edge below which a closing edge is the rounding of a repeated point
+)
+
+
 class _RepeatedKey(ValueError):
     """A JSON key occurs twice: readers disagree about which one counts."""
 
@@ -250,7 +255,9 @@ def _polygon(knot: Any, where: str) -> Array:
         raise BadFile(f"{where}: needs at least {least} points [x, y, z], got {len(points)}")
     edges = edges_of([points], [closed])
     length = np.linalg.norm(edges.end - edges.start, axis=1)
-    if not length.min() > 0:
+    # a curve drawn from 0 to 2 pi ends where it began, but for rounding
+    rounded = closed and length[-1] < ROUNDED * np.median(length)
+    if rounded or not length.min() > 0:
         i = int(length.argmin())
         why = " (the last point joins the first, it must not be repeated)" if closed else ""
         raise BadFile(f"{where}: points {i} and {(i + 1) % len(points)} coincide{why}")
