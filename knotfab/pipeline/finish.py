@@ -36,6 +36,7 @@ from knotfab.report.setup import draw_sheets, write_setup
 from knotfab.report.supports import report_supports
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
+from knotfab_formats.laxer import tell_laxer
 from knotfab_formats.print_figures import PlateFigures
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
@@ -210,6 +211,7 @@ def finish_build(
         next_step=plan_next_step(report, timings),
         warnings=(
             *tell_lowered(report.checks),
+            *filter(None, [tell_laxer(pieces[0].scene)]),
             *tell_other_tube(request.previewed_radius_mm, pieces[0].made.knots.radius_mm),
         )
         or None,

@@ -6,17 +6,21 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
+from knotfab_formats.laxer import tell_laxer
 from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array
 from knotfab_validators.files.picture import write_image
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
+
+if TYPE_CHECKING:
+    from knotfab_validators.files.scene import Scene
 
 SMALL_MM, LARGE_MM = (
     2.0,
@@ -57,11 +61,13 @@ def knot_in_words(name: str, form: str = "{0}") -> str:
     )
 
 
-def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) -> str:
+def conclude(
+    checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None, scene: Scene | None = None
+) -> str:
     """Summarise verdict and size: "One closed tube, 4 mm radius, an unknot; every required check passed. …"
 
     Args:
-        mesh, curves: what was measured; None where there is none.
+        mesh, curves, scene: what was measured, and what asks for it; None where there is none.
     """
     named = {check.name: check for check in checks}
     said = [_tell_what(named, mesh, curves)]
@@ -85,6 +91,8 @@ def conclude(checks: Sequence[Check], mesh: Mesh | None, curves: Curves | None) 
         told.append(f"{_count(len(missing), 'required check')} could not run: {', '.join(missing)}")
     if not told:
         told = ["every required check passed"]
+    if scene is not None and (laxer := tell_laxer(scene, curves)):
+        told[-1] += f", but {laxer}"
     told += tell_lowered(checks)
     size = (
         "" if mesh is None else " " + " × ".join(f"{side:.3g}" for side in size_of(mesh)) + " mm."

@@ -188,7 +188,7 @@ def conclude_piece(
     return Verdict(
         status="fail" if code else "pass",
         exit_code=code,
-        conclusion=conclude(checks, printed, piece.curves),
+        conclusion=conclude(checks, printed, piece.curves, piece.setting),
         size_mm=None if printed is None else size_of(printed),
         notes=tuple(notes),
         checks=tuple(checks),
