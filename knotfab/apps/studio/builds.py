@@ -65,8 +65,16 @@ class _Print(BaseModel):
     bounding_box_mm: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
 
 
+class _Row(BaseModel):
+    name: str
+    status: str
+    text: str
+
+
 class _Report(BaseModel):
     """What the page shows of a report.json."""
+
+    rows: list[_Row] = []
 
     verdict: _Verdict | None = None
     views: list[_View] = []
@@ -222,11 +230,12 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
     seen = [(view.iou, view.iou_frame) for view in views if view.iou is not None]
     verdict, piece = (found and found.verdict) or _Verdict(), (found and found.print) or _Print()
     standing = piece.mount is not None and piece.mount.kind == "stand"
+    told = [r for r in (found.rows if found else ()) if r.status != "info" or r.name == "aside"]
     return {
         "where": folder.name + (f"/{REJECTED}" if rejected else ""),
         "readable": found is not None,
         "verdict": verdict.word,
-        "reasons": verdict.reasons,
+        "reasons": [row.text.rstrip(".") for row in told] or verdict.reasons,
         "alike": [tell_share(told_iou(*ious, standing)) for ious in seen],
         "hours": None if piece.time_s is None else piece.time_s / 3600,
         "mass_g": piece.filament_g or piece.mass_g,
