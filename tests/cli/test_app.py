@@ -180,7 +180,7 @@ def test_a_mount_is_printed(
 ) -> None:
     asked: list[pipeline.Request] = []
 
-    def build(request: pipeline.Request, progress: object) -> None:
+    def build(request: pipeline.Request, *_: object) -> None:
         asked.append(request)
         raise InputError("the test", "it has seen enough", "Go on")
 
@@ -197,7 +197,7 @@ def test_a_mount_is_printed(
 def test_the_default_folder_keeps_what_another_picture_came_to(
     bad: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def build(request: pipeline.Request, progress: object) -> None:
+    def build(request: pipeline.Request, *_: object) -> None:
         raise InputError("the test", "it has seen enough", "Go on")
 
     monkeypatch.setattr(pipeline, "build", build)
