@@ -15,12 +15,14 @@ import matplotlib.pyplot as plt
 
 from benchmarks.measurement import Stopwatch, paint_comparison, read_question, run_study
 from examples.pictures import pictures
-from knotfab.apps.tradeoff.measure import find_shadows
+from knotfab.base.arrays import Mask
+from knotfab.knots import Knots
 from knotfab.problem import Problem, SearchResult
 from knotfab.search.flow import plan_of
 from knotfab.search.search import search
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
+from knotfab_formats.scene import VERIFIED_PX
 from knotfab_formats.search import PRESETS, SearchSettings
 
 RADIUS = 0.025  # a share of the frame's width, as in the paper
@@ -31,6 +33,15 @@ WAYS: dict[str, dict[str, str | int]] = {
     "flow": {"method": "flow"},
     "inn+flow": {"method": "inn+flow", "network_iterations": 100},
 }
+
+
+def find_shadows(
+    problem: Problem, knots: Knots, pixels: int = VERIFIED_PX
+) -> list[tuple[Mask, Mask]]:
+    """Render the round tube's shadow in each view. Returns (shadow, picture), `pixels` on the longer side."""
+    images = [view.image_at(knots.radius_mm, pixels) for view in problem.views]
+    points, rings, radius = knots.points, knots.rings, knots.radius_mm
+    return [(image.seen(points, rings, radius), image.target > 0.5) for image in images]
 
 
 @dataclass(frozen=True)

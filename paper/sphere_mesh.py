@@ -21,7 +21,6 @@ from torch import Tensor
 
 from benchmarks.measurement import Stopwatch, read_question, run_study
 from examples.pictures import Canvas, pictures
-from knotfab.apps.tradeoff.measure import find_shadows
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
@@ -30,6 +29,7 @@ from knotfab.picture.silhouette import mask_iou, resample_mask
 from knotfab.search.optimizer import Adam, one_thread
 from knotfab.search.search import search
 from knotfab_formats.search import search_settings
+from paper.search_compare import find_shadows
 
 NAMES = ("ring", "wheel", "smiley", "teapot")
 COMPARED_PX = 512

@@ -225,7 +225,7 @@ def compare(
 
 ```
 knotfab tradeoff cat.png
-knotfab tradeoff cat.png --accuracy draft --repeats 3 --out cat-tradeoff
+knotfab tradeoff cat.png --accuracy draft --out cat-tradeoff
 knotfab tradeoff logos/*.png --time-limit 1h         give the same call again to go on
 knotfab tradeoff cat.png --print                     hours and grams of each way to print it
 ```
@@ -236,39 +236,29 @@ def tradeoff(
     scene: Path | None = None,
     accuracy: Literal["sketch", "draft", "standard", "fine"] | None = None,
     tube_radius: str | None = None,
-    repeats: Whole = 1,
-    jobs: Whole = 1,
-    combinations: Whole = 16,
     time_limit: str | None = None,
     print_: Annotated[Flag, Parameter(name="--print")] = False,
     quiet: Flag = False,
 ) -> int:
-    """Measure what accuracy costs in time on this machine: settings one by one, then combinations.
+    """Measure what accuracy costs in time on this machine: whole builds, with one setting after another.
 
     Parameters
     ----------
     pictures
         Image files, SVGs, or text:…; each makes a piece of its own, and the figures are means over them.
     out
-        The folder for tradeoff.json, .png and .html, and for the runs from which a later call goes on.
+        The folder for tradeoff.json and .png, and for the builds, from which a later call goes on.
     scene
         A scene.toml.
     accuracy
-        The preset around which one setting at a time is changed; standard by default.
+        The preset beside which one setting at a time is changed; standard by default.
     tube_radius
-        In mm, or auto (default): each point finds its own.
-    repeats
-        Runs of each point; its seconds are their median.
-    jobs
-        How many runs go side by side. They slow each other down, all alike: leave it at 1 to measure the
-        seconds that a build takes.
-    combinations
-        How many combinations to try after single settings; the better half of all goes on to more pictures.
+        In mm, or auto (default): each build finds its own.
     time_limit
         Stop after this time, and report what was measured until then: 30 (seconds), 10m or 1h.
     print_
-        Measure what printing costs instead: whole builds with and without supports, on plates, at other
-        depths, radii and accuracies, in PrusaSlicer's hours and grams.
+        Measure what printing costs instead of settings: builds with and without supports, on plates, at other
+        depths, radii and accuracies, in PrusaSlicer's hours and grams too.
     quiet
         Print nothing but errors.
     """
@@ -277,10 +267,6 @@ def tradeoff(
     from knotfab.pipeline.read_options import read_scene
     from knotfab.pipeline.values import read_seconds
 
-    bounded = ("--repeats", repeats, 1), ("--jobs", jobs, 1), ("--combinations", combinations, 0)
-    for name, value, least in bounded:
-        if not least <= value <= 10_000:
-            raise InputError(f"{name} {value}", "it is out of bounds", f"Give {least} to 10000.")
     if not pictures:
         raise InputError("tradeoff", "no picture is named", "Name one, or several")
     limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")
@@ -289,34 +275,15 @@ def tradeoff(
     chosen, _ = read_scene(options)
     for picture in pictures:  # so that a file that is no picture is reported at once
         read_target(picture, chosen.views[0])
-    if print_:
-        if (repeats, jobs) != (1, 1):
-            words = "it builds each way once, one after another"
-            raise InputError("--print", words, "Leave out --repeats and --jobs")
-        from knotfab.apps.tradeoff.prints import print_ways, weigh_prints
-
-        given = {key: value for key, value in asked.items() if value is not None}
-        with Progress("quiet" if quiet else "auto") as progress:
-            ways = weigh_prints(pictures, out, given, progress, limit_s)
-        if not quiet:
-            print_ways(ways, out)
-        return 0
-    from knotfab.apps.tradeoff.run import print_tradeoff
+    from knotfab.apps.tradeoff.run import print_ways
     from knotfab.apps.tradeoff.run import tradeoff as run
 
+    given = {key: value for key, value in asked.items() if value is not None}
+    middle, preset = chosen.settings, chosen.accuracy.name
     with Progress("quiet" if quiet else "auto") as progress:
-        found = run(
-            chosen,
-            pictures,
-            out,
-            repeats=repeats,
-            progress=progress,
-            jobs=jobs,
-            limit_s=limit_s,
-            combinations=combinations,
-        )
+        ways = run(pictures, out, given, middle, preset, progress, print_, limit_s)
     if not quiet:
-        print_tradeoff(found)
+        print_ways(ways, out)
     return 0
 
 

@@ -46,7 +46,7 @@ ALLOWED = {
     ),
     **dict.fromkeys(
         [
-            *("api.py:_file_of", "apps/tradeoff/bench.py:run_all.beside"),
+            "api.py:_file_of",
             "part/slicer.py:slice_part",
             "part/slicer_process.py:run_limited",
             "pipeline/strangers.py:plain_arrays",
