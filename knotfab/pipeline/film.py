@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,23 +15,41 @@ from knotfab.design.budget import Budget
 from knotfab.design.film import POOR, Chain, SequenceFrame
 from knotfab.design.film_motion import measure_motion, outline_motion
 from knotfab.design.question import silhouette_polygon
-from knotfab.knots import read_knots
+from knotfab.knots import count_in_words, read_knots
+from knotfab.limits.feasibility import LEAST
 from knotfab.part.assemble import part_of
+from knotfab.part.slicer_process import sum_slicings
 from knotfab.part.slicer_profile import write_profile
 from knotfab.picture.frames import count_knots, tell_apart
 from knotfab.picture.read import read_target
-from knotfab.pipeline.film_report import check_closing, check_motion, sequence_report
 from knotfab.pipeline.finish import report_piece
 from knotfab.pipeline.piece import Settled, WrittenPiece, discard_piece, write_piece
 from knotfab.pipeline.plan import Workshop
 from knotfab.plan import Attempts
+from knotfab.report.effects import limits_as_effects
+from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
+from knotfab.report.supports import sum_supports
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene
-from knotfab_formats.report import Motion, Report
+from knotfab_formats.print_figures import MountFigures, Print
+from knotfab_formats.report import (
+    Certificate,
+    EffectLine,
+    FrameView,
+    LimitLine,
+    Motion,
+    Report,
+    SequenceFigures,
+)
 from knotfab_formats.scene import ResolvedScene
-from knotfab_formats.verdict import list_unmet
+from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
+from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 PICTURES = "picture-frame-*"  # how scene.toml names the frames' pictures
+_OF_FRAME = ("pose", "flatter", "support_access", "bars", "feet")  # keys of `print` told by frame
+_SUMMED = ("time_s", "filament_m", "filament_g", "support_g")  # keys of `print` summed over frames
+_FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
+Line = TypeVar("Line")
 
 
 def make_film(
@@ -80,7 +100,7 @@ def make_film(
     checks = [check_motion(motions[:-1]), *closing]
     with progress.stage("report"):
         whole = reports, pieces, frames, motions, checks
-        return sequence_report(*whole, request), "a sequence", pieces
+        return _sequence_report(*whole, request), "a sequence", pieces
 
 
 def _list_failed(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
@@ -153,3 +173,227 @@ def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene
     keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
     whole = ResolvedScene.model_validate({**keys, "mount": asked.mount})
     return folder.write("scene.toml", dump_scene(whole))
+
+
+def check_motion(motions: Sequence[Motion]) -> Check:
+    """Check `motion`: from frame to frame no vertex moves farther than the outlines plus one radius."""
+    worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
+    number = next(k for k, m in enumerate(motions, start=2) if m is worst)
+    return Check(
+        "motion",
+        "pass" if all(m.held for m in motions) else "fail",
+        True,
+        worst.largest_mm,
+        worst.limit_mm,
+        "mm",
+        f"the vertex that comes nearest to its bound, on the way to frame {number}: the "
+        f"outlines of the two pictures are {worst.outline_mm:.3f} mm apart (Hausdorff distance), and "
+        "one tube radius is added",
+    )
+
+
+def check_closing(motion: Motion) -> Check:
+    """Check `closing`: the same from the last frame back to the first; not required."""
+    loop = "so it may be played round and round" if motion.held else "too far to play it as a loop"
+    status: Status = "pass" if motion.held else "fail"
+    detail = f"from the last frame to the first, {loop}"
+    largest, limit = motion.largest_mm, motion.limit_mm
+    return Check("closing", status, False, largest, limit, "mm", detail)
+
+
+def _sequence_report(
+    reports: Sequence[Report],
+    pieces: Sequence[WrittenPiece],
+    frames: Sequence[SequenceFrame],
+    motions: Sequence[Motion],
+    checks: Sequence[Check],
+    request: Request,
+) -> Report:
+    """Make the report of a sequence from those of its frames and the motions to the next, the last back.
+
+    Args:
+        checks: of the sequence as a whole.
+    """
+    views = _list_views(reports, pieces, frames, motions)
+    together = (*_merge_checks(reports), *checks)
+    slicings = {f"part{p.suffix}.3mf": p.sliced for p in pieces if p.sliced is not None}
+    sliced = sum_slicings(slicings) if slicings else None
+    print_, settings = _sum_prints(reports), reports[0].settings
+    limits = _merge_limits(reports)
+    knotted = count_in_words(len(pieces[0].made.knots.knots))
+    notes = [
+        f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl).",
+        *advise(views, pieces[0].made.knots.radius_mm),
+        *_shared_notes(reports),
+    ]
+    prices = tuple(
+        replace(price, frame=number)
+        for number, frame in enumerate(reports, start=1)
+        for price in frame.binding or ()
+    )
+    return Report(
+        status="fail" if exit_code(together) else "pass",
+        verdict=worst_verdict(views),
+        views=views,
+        checks=together,
+        effects=(*_merge_effects(reports), *limits_as_effects(limits)),
+        limits=limits,
+        knots=tuple(knot for r in reports for knot in r.knots),
+        print=with_slicing(print_, sliced) if request.printing else print_,
+        settings=replace(
+            settings,
+            certificate=None,
+            thickness_mm=min(r.settings.thickness_mm for r in reports),
+            sequence=SequenceFigures(
+                frames=len(reports),
+                closing=motions[-1],
+                verification_s=round(sum(sum(p.verdict.seconds.values()) for p in pieces), 2),
+                loop=request.scene.sequence.loop,
+            ),
+        ),
+        notes=(*notes, *(tell_unsliced(sliced) if request.printing else ())),
+        binding=prices if any(r.binding is not None for r in reports) else None,
+        slicer=None if sliced is None else report_slicing(sliced),
+    )
+
+
+def _list_views(
+    reports: Sequence[Report],
+    pieces: Sequence[WrittenPiece],
+    frames: Sequence[SequenceFrame],
+    motions: Sequence[Motion],
+) -> tuple[FrameView, ...]:
+    views, shared = [], _shared_notes(reports)
+    each = zip(reports, frames, pieces, strict=True)
+    for number, (report, frame, piece) in enumerate(each, start=1):
+        log = frame.made.result.log
+        for view in report.views:
+            views.append(
+                FrameView(
+                    **vars(view),
+                    frame=number,
+                    pieces=piece.targets[0].pieces,
+                    knots=len(piece.made.knots.knots),
+                    part=f"part-{number:02d}.stl",
+                    status=report.status,
+                    motion=None if number == 1 else motions[number - 2],
+                    began_as=None if frame.trial is None else frame.trial.attempt.origin + 1,
+                    transported=1.0 if frame.trial is None else frame.trial.found.transported,
+                    certificate=Certificate(**vars(log), certified=log.certified),
+                    mount=report.print.mount or MountFigures(kind="none"),
+                    **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},
+                    notes=tuple(n for n in report.notes if n not in shared),
+                    failed=tuple(check.name for check in list_unmet(report.checks)),
+                )
+            )
+    return tuple(views)
+
+
+def _sum_prints(reports: Sequence[Report]) -> Print:
+    first, prints = reports[0].print, [r.print for r in reports]
+    sums: dict[str, Any] = {
+        key: sum(getattr(one, key) for one in prints)
+        for key in ("volume_mm3", "mass_g", *_SUMMED)
+        if getattr(first, key) is not None
+    }
+    if sums.get("filament_g"):
+        sums["support_share"] = sums["support_g"] / sums["filament_g"]
+    drawings = tuple(name for one in prints for name in one.drawings or ())
+    alone: dict[str, Any] = dict.fromkeys(_OF_FRAME)
+    alone["supports"] = sum_supports([one.supports for one in prints])
+    return replace(first, **alone, **sums, parts=len(prints), drawings=drawings)
+
+
+def advise(views: Sequence[FrameView], radius: float) -> list[str]:
+    """Return for each failed frame a sentence that names the checks and a remedy."""
+    found = []
+    for number, view in enumerate(views, start=1):
+        failed = view.failed
+        if not failed:
+            continue
+        # of the motions into and out of this frame, the larger
+        ways = [(v.motion.outline_mm, k) for k, v in enumerate(views, start=1) if v.motion]
+        far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
+        if "limits" in failed:
+            remedy = "give that limit more room in the scene, or draw this frame simpler"
+        elif view.pieces > view.knots:
+            remedy = (
+                f"its {view.pieces} pieces lie apart, and the strand that joins them shows: let them "
+                "touch, or build each of them as a sequence of its own"
+            )
+        elif far > _FAR * radius:
+            remedy = (
+                f"the outline goes {far:.0f} mm from frame {into - 1} to frame {into}, "
+                f"{far / radius:.0f} tube radii: draw a frame in between"
+            )
+        elif "outline" in failed:
+            remedy = "parts of it are stretched: let it differ less from its neighbours, or draw it larger"
+        else:
+            remedy = "draw parts that touch in it further apart, or build with --accuracy standard or fine"
+        found.append(f"Frame {number} fails ({', '.join(failed)}): {remedy}.")
+    return found
+
+
+def _shared_notes(reports: Sequence[Report]) -> list[str]:
+    first, *others = (report.notes for report in reports)
+    return [note for note in first if all(note in notes for notes in others)]
+
+
+def _merge_checks(reports: Sequence[Report]) -> list[Check]:
+    """Merge each check over all frames: the worst status, with the figures of the worst frame that has it."""
+    numbered = [[(number, c) for c in r.checks] for number, r in enumerate(reports, start=1)]
+    found = []
+    for lines in _by_name(numbered, lambda line: line[1].name):
+        status = min((c.status for _, c in lines), key=("fail", "skipped", "pass").index)
+        same = [(number, c) for number, c in lines if c.status == status]
+        sign = -1.0 if status == "fail" else 1.0
+        number, worst = min(same, key=lambda line: sign * _distance_to_limit(line[1]))
+        said = worst.detail
+        if status == "fail":
+            said = f"frames {', '.join(str(n) for n, _ in same)}: {said}"
+        elif status == "pass":
+            said = f"frame {number} of {len(reports)} has least room: {said}"
+        found.append(replace(worst, status=status, detail=said))
+    return found
+
+
+def _distance_to_limit(check: Check) -> float:
+    """Return the distance of a check from its limit, on either side; 0 if they are not numbers."""
+    measured, limit = check.measured, check.limit
+    if not isinstance(measured, int | float) or not isinstance(limit, int | float):
+        return 0.0
+    return abs(float(measured) - float(limit))
+
+
+def _merge_effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
+    """Return each effect at its largest magnitude, with calls, seconds and stages summed over all frames."""
+    limits = {line.name for r in reports for line in r.limits}
+    every = [[line for line in r.effects if line.name not in limits] for r in reports]
+    found = []
+    for lines in _by_name(every, lambda line: line.name):
+        worst = max(lines, key=lambda line: (line.simulated, line.magnitude))
+        where = tuple(dict.fromkeys(stage for line in lines for stage in line.where))
+        found.append(replace(worst, where=where, **_sum_costs(lines)))
+    return tuple(found)
+
+
+def _merge_limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
+    """Return each limit as in the frame that comes nearest to it or goes farthest beyond."""
+
+    def excess(line: LimitLine) -> float:
+        return (line.measured - line.limit) * (-1.0 if line.name in LEAST else 1.0)
+
+    each = _by_name([r.limits for r in reports], lambda line: line.name)
+    return tuple(replace(max(lines, key=excess), **_sum_costs(lines)) for lines in each)
+
+
+def _by_name(frames: Iterable[Iterable[Line]], name: Callable[[Line], str]) -> list[list[Line]]:
+    found: dict[str, list[Line]] = {}
+    for line in (line for lines in frames for line in lines):
+        found.setdefault(name(line), []).append(line)
+    return list(found.values())
+
+
+def _sum_costs(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
+    seconds = round(sum(line.seconds for line in lines), 4)
+    return {"calls": sum(line.calls for line in lines), "seconds": seconds}

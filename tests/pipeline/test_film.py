@@ -21,8 +21,7 @@ from reports import check_of, report_with
 
 from knotfab.part.slicer_process import REMEDY, find_slicer
 from knotfab.pipeline.build import build
-from knotfab.pipeline.film import _retry_failed
-from knotfab.pipeline.film_report import _merge_effects, advise, check_closing, check_motion
+from knotfab.pipeline.film import _merge_effects, _retry_failed, advise, check_closing, check_motion
 from knotfab.request import Outcome, Request
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Accuracy, Mount, Piece
