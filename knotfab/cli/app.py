@@ -35,7 +35,6 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
         raise KeyboardInterrupt
 
     code = 0
-    leave_out_settings_of_matplotlib()
     try:
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # all end it as Ctrl-C does
             number = getattr(signal, name, None)  # Windows has no SIGHUP
@@ -74,12 +73,36 @@ def _leave(code: int) -> None:
     os._exit(code)
 
 
+_LEAST_STACK = 1 << 20  # bytes
+
+
 def set_environment() -> None:
     """Set environment variables that libraries read when they are first imported."""
     # products are small: threads that wait for each other cost time, ten times as much on a shared machine
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # searching all installed packages for plugins takes a tenth of a second
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    leave_out_settings_of_matplotlib()
+
+
+def require_stack() -> None:
+    """Require a stack on which compiled libraries do not crash without a word.
+
+    Raises:
+        MachineError: its limit is too low.
+    """
+    with contextlib.suppress(ImportError):  # Windows has no limits
+        import resource
+
+        held = resource.getrlimit(resource.RLIMIT_STACK)[0]
+        if 0 <= held < _LEAST_STACK:
+            from knotfab.base.errors import MachineError
+
+            raise MachineError(
+                "the stack of a process",
+                f"its limit is {held // 1024} kB",
+                "Raise it: ulimit -s 8192",
+            )
 
 
 def _run(arguments: list[str] | None, began: float | None) -> int:
@@ -88,6 +111,7 @@ def _run(arguments: list[str] | None, began: float | None) -> int:
     gc.set_threshold(20_000, 20, 20)
 
     guard_streams()
+    require_stack()
     from knotfab.cli.commands import app, build_help, call_clock
 
     if began is None and arguments is None:

@@ -20,7 +20,7 @@ from validator_parts import (
 
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, merge_equal
-from knotfab_validators.geometry.surface import overlapping_boxes
+from knotfab_validators.geometry.surface import overlapping_boxes, tell_heap
 from knotfab_validators.mesh import surface_checks as second_opinion
 from knotfab_validators.mesh.surface_checks import (
     check_mesh,
@@ -345,3 +345,15 @@ def test_a_few_long_faces_aslant_do_not_make_a_heap() -> None:
     )
     exact *= 7
     assert overlapping_boxes(mesh) == pytest.approx(exact, rel=0.35)
+
+
+@pytest.mark.parametrize(("apart_mm", "heap"), [(1e-6, True), (1e-4, True), (2.0, False)])
+def test_faces_that_lie_on_each_other_are_told_before_any_library_is_asked(
+    apart_mm: float, heap: bool
+) -> None:
+    count = 20_000  # pymeshlab's grid would take gigabytes
+    triangle = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0]])
+    corners = triangle + apart_mm * np.arange(count)[:, None, None] * [0.0, 0, 1]
+    mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+    said = tell_heap(mesh)
+    assert (said is not None and "20000 faces lie on each other" in said) == heap

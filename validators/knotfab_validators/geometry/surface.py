@@ -328,6 +328,8 @@ def _reduce(gram: Array) -> tuple[Ints, Ints]:
 # sampled faces of each size class, whose boxes are compared with all others
 SAMPLES = 6
 MOST_BOXES = 10_000_000  # pairs of overlapping boxes that are always accepted
+MOST_CELLS, MOST_CELLS_A_FACE = 30_000_000, 50  # entries of a grid; a sound part has 1 to 5 a face
+FLATTEST = 1e-4  # of the longest side: a mesh is taken to be no thinner
 MOST_A_FACE = 100  # pairs a face that are accepted beyond that; a sound part has 10 to 40
 
 
@@ -352,9 +354,26 @@ def tell_heap(mesh: Mesh, boxes: float | None = None) -> str | None:
         boxes: about how many pairs of boxes overlap, if that is known already.
     """
     boxes = overlapping_boxes(mesh) if boxes is None else boxes
-    if boxes <= max(MOST_BOXES, MOST_A_FACE * len(mesh.faces)):
-        return None
-    return f"some {boxes:.1g} pairs of faces have boxes that overlap"
+    if boxes > max(MOST_BOXES, MOST_A_FACE * len(mesh.faces)):
+        return f"some {boxes:.1g} pairs of faces have boxes that overlap"
+    cells = count_cells(mesh)
+    if cells > max(MOST_CELLS, MOST_CELLS_A_FACE * len(mesh.faces)):
+        each = cells / len(mesh.faces)
+        return f"{len(mesh.faces)} faces lie on each other, each in some {each:.1g} cells of a common grid"
+    return None
+
+
+def count_cells(mesh: Mesh) -> float:
+    """Count the entries of a grid of about as many cubes as faces, with each face in all that it may meet.
+
+    Libraries keep faces in such grids, which many faces close to each other fill beyond any memory.
+    """
+    low, high = bound_triangles(*mesh.vertices[mesh.faces].swapaxes(0, 1))
+    size = high.max(axis=0) - low.min(axis=0)
+    size = np.maximum(size, FLATTEST * max(float(size.max()), 1e-300))
+    per_mm = np.cbrt(len(mesh.faces) / size.prod())
+    cells = np.minimum(np.floor((high - low) * per_mm) + 1, np.maximum(size * per_mm, 1.0))
+    return float(cells.prod(axis=1).sum())
 
 
 @compiled

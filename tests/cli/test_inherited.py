@@ -1,4 +1,4 @@
-"""A person's own settings of matplotlib, which any notebook hands on, decide nothing."""
+"""What a process inherits: a person's settings of matplotlib, which decide nothing, and a stack."""
 
 from __future__ import annotations
 
@@ -41,3 +41,15 @@ def test_settings_of_matplotlib_decide_nothing(case: str, tmp_path: Path) -> Non
         env={**os.environ, "MPLBACKEND": backend},
     )  # fmt: skip
     assert child.stdout.strip().lower() == "agg", child.stderr
+
+
+def test_a_stack_that_is_too_small_is_told(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    call = [sys.executable, "-m", "knotfab", "printers"]
+    small = (256 * 1024, 256 * 1024)
+    done = subprocess.run(
+        call, cwd=tmp_path, capture_output=True, text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_STACK, small),
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (3, "")
+    assert "its limit is 256 kB. Raise it: ulimit -s 8192" in done.stderr
