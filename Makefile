@@ -157,7 +157,7 @@ mutations: system $(DONE)
 	$(BIN)/cosmic-ray exec out/mutations.toml out/mutations.sqlite
 	$(BIN)/cr-report out/mutations.sqlite
 
-# what accuracy costs in time, and whether the presets are worth theirs; an interrupted run goes on (about 25 min of one core)
+# what accuracy costs in time: whole builds of six pictures; an interrupted run goes on
 frontier: $(DONE)
 	$(BIN)/python -m benchmarks.frontier --write docs
 
