@@ -194,7 +194,7 @@ class View(Reading):
 
 
 class Switches(Table):
-    """Effects that are simulated whatever their magnitude (docs/effects.md): each by its name."""
+    """Effects by name (docs/effects.md): on or off whatever their magnitude; auto lets that decide."""
 
     penumbra: Switch = None
     """A lamp of some size blurs the shadow."""

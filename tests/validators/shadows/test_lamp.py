@@ -27,8 +27,8 @@ from knotfab_validators.shadows.lamp import (
 from knotfab_validators.shadows.misplacement import (
     fit_likeness,
     measure_misplacement,
-    moves_apart,
     parting_px,
+    simulates_misplacement,
 )
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.view import view_geometry
@@ -287,9 +287,9 @@ def test_what_nobody_misplaces_is_not_moved() -> None:
 
 
 def test_it_is_measured_where_the_scene_calls_for_it() -> None:
-    assert moves_apart(Switches(), 1.1) and not moves_apart(Switches(), 0.9)
-    assert moves_apart(Switches(misplacement=True), 0.0)
-    assert not moves_apart(Switches(misplacement=False), 99.0)
+    assert simulates_misplacement(Switches(), 1.1) and not simulates_misplacement(Switches(), 0.9)
+    assert simulates_misplacement(Switches(misplacement=True), 0.0)
+    assert not simulates_misplacement(Switches(misplacement=False), 99.0)
     assert parse_scene({"placing": {"lamp_mm": 2.0}}).placing == Placing(lamp_mm=2.0, turn_deg=1.0)
     for keys in ({"lamp_mm": -1.0}, {"turn_deg": 11.0}):
         with pytest.raises(BadFile, match=next(iter(keys))):

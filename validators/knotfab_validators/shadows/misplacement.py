@@ -93,8 +93,8 @@ def parting_px(
     return max(left, default=0.0) / geometry.pixel_mm
 
 
-def moves_apart(effects: Switches, parting: float, tolerance_px: float = 0.25) -> bool:
-    """Return whether to render moves: the scene demands it, or parts of the shadow visibly move apart."""
+def simulates_misplacement(effects: Switches, parting: float, tolerance_px: float = 0.25) -> bool:
+    """Return whether misplacement is simulated: as the scene asks, else where the shadow visibly distorts."""
     if effects.misplacement is not None:
         return effects.misplacement
     return parting > PARTING_TOLERANCES * tolerance_px

@@ -24,7 +24,13 @@ from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import write_compare, write_shadow
 from knotfab_validators.shadows.lamp import check_half_light
 from knotfab_validators.shadows.outlines import WRONG_PX
-from knotfab_validators.shadows.part_view import PosedPart, SeenView, pose_part, see_view, tell_view
+from knotfab_validators.shadows.part_view import (
+    PosedPart,
+    ViewShadow,
+    pose_part,
+    see_view,
+    tell_view,
+)
 from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
 from knotfab_validators.shadows.verdict_rules import check_recognisable, worst_verdict
 from knotfab_validators.shadows.verify_view import VerifiedView
@@ -57,7 +63,7 @@ def verify_shadows(
     part = pose_part(mesh, curves, scene, folder, seconds)
     renderer, no_rendering = _open_renderer(part, skip)
     into = None if pictures_dir is None else Path(pictures_dir)
-    seen: list[SeenView] = []
+    seen: list[ViewShadow] = []
     views: list[ViewFound] = []
     try:
         for view in scene.views:
@@ -87,7 +93,7 @@ def _open_renderer(
             return None, str(error)
 
 
-def _write_pictures(seen: SeenView, into: Path) -> None:
+def _write_pictures(seen: ViewShadow, into: Path) -> None:
     """Write a view's shadow, the soft one too, and its difference from the picture."""
     found, name = seen.found, seen.view.name
     write_shadow(into / f"shadow-{name}.png", found.shadow, found.frame)
@@ -96,7 +102,7 @@ def _write_pictures(seen: SeenView, into: Path) -> None:
     write_compare(into / f"compare-{name}.png", seen.wanted, found.shadow, found.frame)
 
 
-def _mix_colours(part: PosedPart, seen: Sequence[SeenView], into: Path | None) -> Colours:
+def _mix_colours(part: PosedPart, seen: Sequence[ViewShadow], into: Path | None) -> Colours:
     """Mix the lamps' light on one screen, and write the pictures of it."""
     lamps = []
     for one in seen:
@@ -112,7 +118,7 @@ def _mix_colours(part: PosedPart, seen: Sequence[SeenView], into: Path | None) -
 
 def _check(
     part: PosedPart,
-    seen: Sequence[SeenView],
+    seen: Sequence[ViewShadow],
     views: Sequence[ViewFound],
     colours: Colours | None,
     no_rendering: str | None,

@@ -26,9 +26,9 @@ from knotfab_validators.shadows.misplacement import (
     layer_shift_px,
     measure_layers,
     measure_misplacement,
-    moves_apart,
     parting_px,
     shows_layers,
+    simulates_misplacement,
 )
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.render import SilhouetteRenderer
@@ -71,8 +71,8 @@ class PosedPart:
 
 
 @dataclass(frozen=True)
-class SeenView:
-    """What a view requires, and what is seen there.
+class ViewShadow:
+    """What one view asks for, and the shadow that the part casts in it.
 
     `target` (H, W) is the silhouette in the picture's pixels, as is `geometry`. `drawn` (H, W) is what the
     part draws of it, widened and `bent`; None if that is the same. `verdict` is None if the
@@ -118,8 +118,8 @@ def pose_part(
 
 
 def see_view(
-    part: PosedPart, view: View, renderer: SilhouetteRenderer | None, before: Sequence[SeenView]
-) -> SeenView:
+    part: PosedPart, view: View, renderer: SilhouetteRenderer | None, before: Sequence[ViewShadow]
+) -> ViewShadow:
     """Compare the part's shadow with a view's picture, judge it, and soften it.
 
     Without a renderer of the part in the scene, its exact polygons stand in for the rendering. Pictures of
@@ -156,12 +156,12 @@ def see_view(
             ends=scene.screen_ends,
             bars=scene.piece.supports == "none",
         )
-    seen = SeenView(view, geometry, target, drawn, bent, found)
+    seen = ViewShadow(view, geometry, target, drawn, bent, found)
     seen = replace(seen, verdict=_recognise(part, seen))
     return replace(seen, soft=_soften(part, seen))
 
 
-def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
+def _recognise(part: PosedPart, seen: ViewShadow) -> Recognition | None:
     """Judge whether a person would know the picture in the shadow; None where no centre lines are known."""
     found = seen.found
     if found.tube_px is None:
@@ -182,7 +182,7 @@ def _recognise(part: PosedPart, seen: SeenView) -> Recognition | None:
     return judged if seen.bent is None else judge_bending(judged, seen.bent)
 
 
-def _blur_px(part: PosedPart, seen: SeenView) -> float:
+def _blur_px(part: PosedPart, seen: ViewShadow) -> float:
     """Return the width of the penumbra at the middle of the part, px of the padded frame."""
     tube_px, fine_mm, curves = seen.found.tube_px, seen.fine.pixel_mm, part.curves
     if tube_px is None or curves is None or not curves.radius_mm:
@@ -197,7 +197,7 @@ def count_bridged(piece: Piece, target: Mask) -> int:
     return max(len(label_regions("piece", target, SPECK_PX)[1]) - piece.knots, 0)
 
 
-def _soften(part: PosedPart, seen: SeenView) -> SoftShadow | None:
+def _soften(part: PosedPart, seen: ViewShadow) -> SoftShadow | None:
     """Average the shadow over the lamp; None if its width does not show."""
     scene, found, view, fine = part.scene, seen.found, seen.view, seen.fine
     tolerance = scene.settings.tolerance_px
@@ -209,7 +209,7 @@ def _soften(part: PosedPart, seen: SeenView) -> SoftShadow | None:
         return measure_penumbra(part.caster, part.vertices, fine, *masks, view, tolerance, screen)
 
 
-def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
+def tell_view(part: PosedPart, seen: ViewShadow) -> ViewFound:
     """Report what was found in a view, and measure what misplacement and printed layers cost there.
 
     `projection` and `receiver` are in the part file's coordinates; the pose is that of the shrunk part.
@@ -250,13 +250,13 @@ def tell_view(part: PosedPart, seen: SeenView) -> ViewFound:
     )
 
 
-def _misplace(part: PosedPart, seen: SeenView) -> Misplacement | None:
+def _misplace(part: PosedPart, seen: ViewShadow) -> Misplacement | None:
     """Measure the cost of misplacement; None if it hardly changes the shadow's shape."""
     scene, target, points = part.scene, seen.target, part.points
     middle: Array = (points.min(axis=0) + points.max(axis=0)) / 2
     turns = scene.mount.kind != "wall"
     parting = parting_px(points, middle, seen.fine, scene.placing, turns=turns)
-    if not moves_apart(scene.effects, parting, scene.settings.tolerance_px):
+    if not simulates_misplacement(scene.effects, parting, scene.settings.tolerance_px):
         return None
     # a stand throws its own shadow below the frame
     inside = scene.mount.kind == "stand" or scene.screen_ends
@@ -275,7 +275,7 @@ def _misplace(part: PosedPart, seen: SeenView) -> Misplacement | None:
         )
 
 
-def _measure_layers(part: PosedPart, seen: SeenView) -> Layers | None:
+def _measure_layers(part: PosedPart, seen: ViewShadow) -> Layers | None:
     """Measure what the layers of a printed part do to its shadow; None if they do not show."""
     scene, found = part.scene, seen.found
     if not scene.piece.printed:

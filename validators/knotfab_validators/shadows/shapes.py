@@ -17,7 +17,7 @@ from knotfab_validators.shadows.topology import (
     crop_to_ink,
     find_widest,
     label_regions,
-    shift_change,
+    move_change,
 )
 
 Feature = Literal["piece", "hole"]
@@ -61,7 +61,7 @@ def find_misshapen(
         *_compare("piece", seen, wanted, reach_px),
         *_compare("hole", ~seen, ~wanted, reach_px),
     )
-    found = [shift_change(shape, *corner) for shape in compared if shape.likeness < least]
+    found = [move_change(shape, *corner) for shape in compared if shape.likeness < least]
     there = (shape for shape in found if (shape.of, shape.box) not in gone)
     return sorted(there, key=lambda shape: shape.likeness)
 

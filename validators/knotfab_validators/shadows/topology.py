@@ -97,7 +97,7 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
         *_find_joined("stroke", closed, thinned, wanted, reach_px),
         *_find_joined("stroke", ~thinned, ~closed, wanted, reach_px),
     ]
-    return [shift_change(change, *corner) for change in found]
+    return [move_change(change, *corner) for change in found]
 
 
 def crop_to_ink(
@@ -350,8 +350,8 @@ def _find_narrowest(
         yield Change(kind, (float(x), float(y)), wide, (x - half, y - half, x + half, y + half))
 
 
-def shift_change(change: SomeChange, du: int, dv: int) -> SomeChange:
-    """Shift a change by (du, dv), to a grid whose origin lies that much before its own."""
+def move_change(change: SomeChange, du: int, dv: int) -> SomeChange:
+    """Move a change by (du, dv) px, as from a cropped picture to the whole one."""
     (u, v), (left, top, right, bottom) = change.where, change.box
     box = (left + du, top + dv, right + du, bottom + dv)
     return replace(change, where=(u + du, v + dv), box=box)

@@ -215,7 +215,7 @@ def _find_smallest(
     for begin, stop in _find_runs(portion):
         if bound[begin] > most:
             break
-        a, b, own = _face_pairs(surface, e[begin:stop], f[begin:stop], most)
+        a, b, own = _pairs_of_faces(surface, e[begin:stop], f[begin:stop], most)
         own += begin
         if not len(a):
             continue
@@ -244,8 +244,8 @@ def _find_runs(portion: Ints) -> list[tuple[int, int]]:
     return [(a, b) for a, b in pairwise(ends) if b > a]
 
 
-def _face_pairs(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints, Ints]:
-    """Return pairs of faces of edges e and f that may be `most` apart, and the pair of edges of each."""
+def _pairs_of_faces(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints, Ints, Ints]:
+    """Return pairs of faces at edges e and f that may lie within `most` mm, and the pair of edges of each."""
     (row, one), (column, other) = _faces_near(surface, e, f, most), _faces_near(surface, f, e, most)
     rows, columns = np.bincount(row, minlength=len(e)), np.bincount(column, minlength=len(e))
     sizes = rows * columns
@@ -253,7 +253,7 @@ def _face_pairs(surface: _Surface, e: Ints, f: Ints, most: float) -> tuple[Ints,
         if len(e) == 1:
             a, b = _centres_near(surface, one, other, most)
             return a, b, np.zeros(len(a), dtype=np.int64)
-        parts = [_face_pairs(surface, e[[k]], f[[k]], most) for k in range(len(e))]
+        parts = [_pairs_of_faces(surface, e[[k]], f[[k]], most) for k in range(len(e))]
         lengths = [len(part[0]) for part in parts]
         a, b = (np.concatenate([part[side] for part in parts]) for side in (0, 1))
         return a, b, np.repeat(np.arange(len(e)), lengths)
