@@ -47,13 +47,17 @@ def _list_failures(report: Report) -> Iterator[Row]:
 def _list_losses(report: Report) -> Iterator[Row]:
     """Name what is lost; strokes for want of width come with the option that widens them."""
     verdict, asked = report.verdict, report.settings.command
-    if verdict is None or not verdict.reasons:
+    poor = verdict is not None and verdict.word not in ("faithful", "good")
+    if (
+        verdict is None
+        or not verdict.reasons
+        or not (poor or any(loss.what != "specks" for loss in verdict.lost))
+    ):
         return
     strokes = [loss for loss in verdict.lost if loss.what in ("piece", "stroke", "text")]
     thin = "--thicken" not in asked and any(0.0 < s.size_mm < s.needed_mm for s in strokes)
     worst = verdict.lost[0] if verdict.lost else None
     said = "; ".join(verdict.reasons)
-    poor = verdict.word not in ("faithful", "good")
     remedy = "--thicken auto" if poor and thin else ""
     yield Row(
         name="losses",
