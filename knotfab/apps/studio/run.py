@@ -28,7 +28,6 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from knotfab.apps.studio import pages
-from knotfab.apps.studio.broadcast import Broadcast
 from knotfab.apps.studio.pages import RequestGuard
 from knotfab.apps.studio.pictures import (
     LARGEST_BYTES,
@@ -261,7 +260,7 @@ async def _read_body(request: Request, largest: int, what: str) -> bytes:
 
 async def _follow(socket: WebSocket) -> None:
     """Send a tab all messages until it is closed; what it sends is ignored."""
-    studio: Broadcast = socket.app.state.studio
+    studio: Studio = socket.app.state.studio
     await socket.accept()
     listener = studio.listen()
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,18 +13,22 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from knotfab.apps.batch.worker import list_arguments
-from knotfab.apps.studio.broadcast import Broadcast, Event, LiveBuild
-from knotfab.apps.studio.builds import Builds, Record, child_of
+from knotfab.apps.studio.broadcast import Event, Listener, LiveBuild
+from knotfab.apps.studio.builds import Builds, Record, child_of, describe_folder
 from knotfab.apps.studio.fields import DEFAULTS, FIELDS, Settings, Value, in_page_words
 from knotfab.apps.studio.pictures import StudioPicture, preview, thumbnail
 from knotfab.base.disk import write_whole
 from knotfab.base.errors import explain_error, keep_traceback
+from knotfab.base.moves import REJECTED
 from knotfab.base.pool import Workers
 from knotfab.pipeline.options import BuildOptions
 from knotfab_formats.errors import InputError
 
 _PICTURES, _MEMORY = "pictures", "studio.json"
 _NO_PREVIEW: dict[str, Any] = {"lines": [], "error": "", "panels": []}
+
+_PHASES = {0: "done", 1: "rejected", 130: "stopped"}
+_STOPPED = "Stopped; nothing was saved."
 
 
 class _Memory(BaseModel):
@@ -37,11 +43,17 @@ class _Memory(BaseModel):
     current: str = ""
 
 
-class Studio(Broadcast):
+class Studio:
     """The state of a studio whose files are in `folder`. It is changed only in the event loop's thread."""
 
     def __init__(self, folder: Path, warm: bool = True) -> None:
-        super().__init__()
+        self.status: dict[str, Any] = {"phase": "idle"}
+        self.out = Path()  # the folder of the current or last build
+        self.scene: str | None = None  # the last events of these kinds, for a tab opened later
+        self.frame: str | None = None
+        self.listeners: set[Listener] = set()
+        self._pressed = 0.0
+        self._reported = False  # whether the build wrote its report
         self.folder = folder
         self.builds = Builds(folder)
         self.pictures: dict[str, StudioPicture] = {}
@@ -74,10 +86,14 @@ class Studio(Broadcast):
     def picture_folder(self) -> Path:
         return self.folder / _PICTURES
 
+    @property
+    def running(self) -> bool:
+        return self.status["phase"] in ("running", "stopping")
+
     def describe(self) -> dict[str, Any]:
         tray = [picture.model_dump(exclude={"file"}) for picture in self.pictures.values()]
         return {
-            **super().describe(),
+            "build": self.status,
             "pictures": tray,
             "chosen": self.chosen,
             "settings": self.settings.values,
@@ -95,6 +111,25 @@ class Studio(Broadcast):
         for folder in (self.picture_folder, self.builds.folder, self.folder):
             sentence = sentence.replace(f"{folder}/", "")
         return in_page_words(sentence)
+
+    def listen(self) -> Listener:
+        """Add a listener, with the current state as its first message."""
+        listener = Listener()
+        listener.put(json.dumps({"event": "state", **self.describe()}))
+        if self.scene is not None:
+            listener.put(self.scene)
+        if self.frame is not None:
+            listener.put(self.frame, frame=True)
+        self.listeners.add(listener)
+        return listener
+
+    def tell_state(self) -> None:
+        """Send the state to every tab."""
+        self.send(json.dumps({"event": "state", **self.describe()}))
+
+    def send(self, text: str, frame: bool = False) -> None:
+        for listener in self.listeners:
+            listener.put(text, frame)
 
     def add_picture(self, picture: StudioPicture) -> None:
         """Add a picture, and choose it."""
@@ -282,15 +317,54 @@ class Studio(Broadcast):
         if found["result"]:
             self.status["result"] = found["result"]
 
+    def begin(self, out: Path, title: str) -> None:
+        """Set the status to that of a build that starts, which will write the folder `out`."""
+        self.scene = self.frame = None
+        self.out, self._pressed, self._reported = out, time.monotonic(), False
+        self.status = {
+            "phase": "running", "name": out.name, "title": title, "stage": "start", "share": 0.0, "notes": [],
+        }  # fmt: skip
+
     def hear(self, event: Event) -> None:
-        """Handle an event of the running build."""
-        if event["event"] == "ended":
+        """Update the status by an event of the build, and pass it on to all tabs."""
+        kind, text = event["event"], json.dumps(event)
+        if kind == "ended":
             self.end(event["code"], event["sentence"])
-        else:
-            super().hear(event)
+            return
+        if kind == "end":
+            self._reported = True
+        elif kind == "knots":
+            if self.frame is None:
+                self.status["first_frame_s"] = round(time.monotonic() - self._pressed, 3)
+            self.frame = text
+        elif kind == "scene":
+            self.scene = text
+        elif kind == "stage":
+            self.status |= {"stage": event["name"], "left_s": event["left_s"], "late": False}
+            self.status.pop("fraction", None)
+        elif kind == "progress":
+            told = ("stage", "share", "left_s", "iou", "fraction", "late")
+            self.status |= {key: event[key] for key in told if event.get(key) is not None}
+        elif kind == "say":
+            self.status["notes"] = [*self.status["notes"], self.plain(event["text"])][-40:]
+        self.send(text, frame=kind == "knots")
 
     def end(self, code: int, sentence: str) -> None:
-        super().end(code, sentence)
+        """Set the status to that of a build that ended."""
+        # stopped before it could tidy up, or after
+        if self.status["phase"] == "stopping" and not self._reported and (code >= 128 or code == 1):
+            code = 130
+        self.status |= {"phase": _PHASES.get(code, "failed"), "exit_code": code, "left_s": 0}
+        self.status["sentence"] = self.plain(sentence)
+        if code == 130:
+            self.status["sentence"] = _STOPPED
+        report = self.out / ("" if code == 0 else REJECTED) / "report.json"
+        # a report that this build did not write is an earlier one's
+        if code == 0 or (code == 1 and self._reported and report.is_file()):
+            self.status["share"] = 1.0
+            self.status["result"] = describe_folder(self.out, code == 1)
+        elif code == 1:
+            self.status["phase"] = "failed"
         self.builds.end(self.current, self.status["phase"], self.status["sentence"])
         if self.current not in self.builds.names():
             self.current = ""
