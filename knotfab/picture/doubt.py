@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.base.arrays import Mask
@@ -30,7 +31,9 @@ _PLAIN = 0.9  # share of a border that has one colour, from which it is the back
 _SHEET = 0.15  # share of the picture that a sheet covers at least
 _DRAWN = 0.01  # share of a sheet that a drawing on it covers at least
 _MARGIN = 8  # px about what is drawn on a sheet
-_CONVEX = 0.9  # share of its hull that a sheet covers
+# levels, summed over the channels, by which paper is lighter than what is drawn on it
+_LIGHTER = 300
+_SQUARE = 0.9  # share of its hull, or of its rectangle if it is not so light, that a sheet covers
 _LEAST_INK, _MOST_INK = 0.04, 0.7  # ink of a likely reading, as a share of the frame
 
 
@@ -47,7 +50,7 @@ def tell_other_reading(image: Image.Image, mask: Mask) -> tuple[str, ...]:
     mask = np.asarray(Image.fromarray(mask).resize(small.size, Image.Resampling.NEAREST))
     if not mask.any():
         return ()
-    is_sheet, box = _find_sheet(mask)
+    is_sheet, box = _find_sheet(mask, np.asarray(small.convert("RGB"), dtype=np.int64))
     if box is not None:
         crop = ",".join(str(every * side) for side in box)
         return (f"it may be a sheet that something is drawn on: --crop {crop} reads that alone",)
@@ -82,14 +85,19 @@ def _has_plain_ground(image: Image.Image) -> bool:
     return is_of_one_colour(take_border(colours), _PLAIN)
 
 
-def _find_sheet(mask: Mask) -> tuple[bool, Box | None]:
-    """Return whether a silhouette may be a sheet that something is drawn on, and the box about that."""
+def _find_sheet(mask: Mask, rgb: NDArray[np.int64]) -> tuple[bool, Box | None]:
+    """Return whether a silhouette may be a sheet that something is drawn on, and the box about that.
+
+    A sheet is a rectangle, or any convex shape that is much lighter than what is drawn on it.
+    """
     sheet = fill_holes(keep_largest(mask, 1), mask.size)
     drawn = sheet & ~mask
     if sheet.mean() < _SHEET or drawn.sum() < _DRAWN * sheet.sum():
         return False, None
     hull = shapely.convex_hull(shapely.MultiPoint(find_ends(sheet)))
-    if sheet.sum() < _CONVEX * hull.area:
+    lighter = (np.median(rgb[mask], axis=0) - rgb[drawn].mean(axis=0)).sum() >= _LIGHTER
+    like = sheet.sum() / (hull.area if lighter else hull.minimum_rotated_rectangle.area)
+    if like < _SQUARE:
         return False, None
     rows, columns = (np.flatnonzero(drawn.any(axis)).tolist() for axis in (1, 0))
     left, top = columns[0] - _MARGIN, rows[0] - _MARGIN

@@ -252,7 +252,7 @@ def _without_side_data(data: bytes) -> bytes:
             and (kind != b"iCCP" or _is_profile(bytes(whole[8:-4])))
         )
         if draws:
-            kept.append(whole)
+            kept.append(bytes(whole))
         at = end
         if kind == b"IEND":
             break

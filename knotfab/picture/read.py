@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,6 @@ from knotfab.picture.source import (
     read_source,
     title_of,
 )
-from knotfab.picture.svg.letters import Letter
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError, shown
@@ -48,6 +48,17 @@ _MOST_NAMED = 12  # letters in one sentence
 # how far from a letter's box its parts may lie: in its longer sides, and at least in the masks' longer sides
 _BESIDE, _LEAST_BESIDE = 0.25, 0.01
 _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
+
+
+class Letter(NamedTuple):
+    """A letter of a text, with its number and its box in shares of the picture's sides."""
+
+    number: int
+    name: str
+    left: float
+    top: float
+    right: float
+    bottom: float
 
 
 @dataclass(frozen=True, repr=False)
@@ -201,7 +212,7 @@ def _read_target(
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")
     if not raster.looks_like_raster(data) and (suffix in DRAWN_SUFFIXES or looks_like_svg(data)):
-        png, notes, letters = render_svg(data, what)
+        png, notes = render_svg(data, what)
         try:
             target = _take_target(png, what, name, "", reading, glance)
         except InputError as error:
@@ -209,14 +220,7 @@ def _read_target(
                 raise
             why = f"as it is drawn, {error.why} ({'; '.join(notes)})"
             raise InputError(what, why, error.remedy) from error
-        left, top = target.crop_px[:2] if target.crop_px else (0, 0)
-        wide, high = target.width * target.shrunk, target.height * target.shrunk
-        there = tuple(
-            Letter(number, name, *((np.reshape(box, (2, 2)) - (left, top)) / (wide, high)).flat)
-            for number, name, *box in letters
-        )
-        title = title_of(path.stem)
-        return replace(target, notes=notes + target.notes, letters=there, title=title)
+        return replace(target, notes=notes + target.notes, title=title_of(path.stem))
     found = _take_target(data, what, name, suffix, reading, glance)
     return replace(found, title=title_of(path.stem))
 

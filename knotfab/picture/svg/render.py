@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import signal
 import struct
 import subprocess
@@ -19,17 +20,15 @@ from xml.etree.ElementTree import Element, tostring
 from knotfab.base.pool import tie
 from knotfab.picture.fonts import find_family, find_font, supplied_folder, supply_fonts
 from knotfab.picture.raster import LARGEST_SIDE, SMALLEST_SIDE
-from knotfab.picture.svg.clean import clean, refuse_symbols
-from knotfab.picture.svg.css import CSS_DPI, set_pixel_size
-from knotfab.picture.svg.letters import UNDRAWN, Letter, colour_letters, find_boxes
-from knotfab.picture.svg.xml import SVG, parse_svg
+from knotfab.picture.svg.check import Notes, check_drawing, page_colour
+from knotfab.picture.svg.size import CSS_DPI, set_pixel_size
+from knotfab.picture.svg.xml import SVG, local_name, parse_svg
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.libraries import took_part
 
 LONGER_SIDE = 2048  # px of the drawn picture
-_LETTERS_SIDE = 1024  # px of the drawing in which letters are looked for
-
-Notes = dict[str, None]  # sentences, in their order
+# Unicode categories without a glyph of their own: controls, separators, marks
+UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
 
 _MOST_NOTES = 8  # notes of the renderer that are passed on
 _NESTED = 3  # depth of drawings embedded in each other
@@ -41,7 +40,7 @@ _FONTS = {
 }
 
 
-def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...], tuple[Letter, ...]]:
+def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...]]:
     """Draw an SVG file as a canonical PNG.
 
     Args:
@@ -50,30 +49,22 @@ def render_svg(data: bytes, what: str) -> tuple[bytes, tuple[str, ...], tuple[Le
 
     Returns:
         An RGBA PNG, the longer side 2048 px (more only where the shorter would fall below 16 px),
-        the aspect ratio kept, transparent where nothing is drawn; a sentence for each thing left out or
-        guessed; and the letters of its text, with their boxes in px.
+        the aspect ratio kept, transparent where nothing is drawn; and a sentence for each thing left out or
+        drawn otherwise than a browser draws it.
 
     Raises:
         InputError: anything but a harmless SVG that can be rendered; it names the element.
     """
     notes: Notes = {}
-    letters: list[Letter] = []
-    try:
-        png = _render(data, what, notes, _NESTED, letters)
-    except RecursionError as error:
-        raise InputError(
-            what, "its style sheet is nested too deep", "Save it as a plain SVG, or as a PNG."
-        ) from error
+    png = _render(data, what, notes, _NESTED)
     told = [" ".join(shown(note).split()) for note in notes]
     more = len(told) - _MOST_NOTES
     notes_told = (*told[:_MOST_NOTES], *([f"and {more} more of these"] if more > 0 else []))
-    return png, notes_told, tuple(letters)
+    return png, notes_told
 
 
-def _render(
-    data: bytes, what: str, notes: Notes, nested: int, letters: list[Letter] | None = None
-) -> bytes:
-    """Draw an SVG file; `notes` and, unless they are None, `letters` are added to."""
+def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
+    """Draw an SVG file, and add to `notes`."""
 
     def draw(inner: bytes, name: str) -> bytes:
         if nested == 0:
@@ -84,38 +75,14 @@ def _render(
             )
         return _render(inner, name, notes, nested - 1)
 
-    from knotfab.picture.svg.style import Styles
-
     root = parse_svg(data, what)
-    clean(root, what, notes, draw)
-    fonts = TextFonts(root)
-    styles = Styles(root, what, fonts.choose if fonts.needed else None)
-    refuse_symbols(root, what)
+    check_drawing(root, what, notes, draw)
     set_pixel_size(root, LARGEST_SIDE, what)
-    files = fonts.list_files(what) if fonts.needed else None
-    notes.update(fonts.notes | styles.notes)
+    files = _fonts_of_text(root, what, notes)
     # Rendered from the tree that was checked: no second parser sees the original bytes.
-    png = render(tostring(root, encoding="unicode"), what, files=files, background=styles.page)
-    if files is not None and letters is not None:
-        letters += _find_letters(root, png, what, files)
-    return png
-
-
-def _find_letters(
-    root: Element, png: bytes, what: str, files: tuple[str, ...]
-) -> tuple[Letter, ...]:
-    """Find the letters of a drawing's text, in px of its picture."""
-    coloured, names = colour_letters(root)
-    drawn = draw_svg(
-        tostring(coloured, encoding="unicode"),
-        what,
-        width=_LETTERS_SIDE,
-        height=_LETTERS_SIDE,
-        dpi=CSS_DPI,
-        text_rendering="optimize_speed",  # no mixed colours
-        **_fonts_of(files),
+    return render(
+        tostring(root, encoding="unicode"), what, files=files, background=page_colour(root)
     )
-    return find_boxes(drawn, names, max(_sides_px(png)) / max(_sides_px(drawn)))
 
 
 def _sides_px(png: bytes) -> tuple[int, int]:
@@ -139,7 +106,11 @@ def render(
         files: fonts for its <text>, beside the bundled ones; None: it has no text.
         background: a hexadecimal colour to draw on.
     """
-    options: dict[str, Any] = {"skip_system_fonts": True, "background": background}
+    options: dict[str, Any] = {
+        "skip_system_fonts": True,
+        "background": background,
+        "languages": ["en"],
+    }
     if files is not None:
         options |= _fonts_of(files)
     for side in (LONGER_SIDE, LARGEST_SIDE):
@@ -230,62 +201,66 @@ _GENERIC = {
 }
 
 
-class TextFonts:
-    """The font families of a drawing's text; `notes` tell which replace missing ones."""
+_FAMILY = re.compile(r"font-family\s{0,9}:\s{0,9}([^;}]+)")
+# words, size, line height and families of the shorthand
+_FONT = re.compile(
+    r"(?<![\w-])font\s{0,9}:([^;}]{0,60}?)(\d[\w.%]{0,9})(?:/[\w.%]{1,9})?\s{1,9}([^;}]+)"
+)
 
-    def __init__(self, root: Element) -> None:
-        self.notes: dict[str, None] = {}
-        self._files: dict[str, None] = {}
-        self._texts = list(root.iter(f"{{{SVG}}}text"))
-        parents = {child: parent for parent in root.iter() for child in parent}
-        self._asked: set[Element] = set()  # elements whose font family can reach text
-        for text in self._texts:
-            self._asked.update(text.iter())
-            at = parents.get(text)
-            while at is not None and at not in self._asked:
-                self._asked.add(at)
-                at = parents.get(at)
-        self._said = "".join("".join(text.itertext()) for text in self._texts)
 
-    @property
-    def needed(self) -> bool:
-        """Whether the drawing has text."""
-        return bool(self._said.strip())
+def _expand_font(found: re.Match[str]) -> str:
+    """Write the shorthand `font` out, so that its families are chosen as well."""
+    words = found[1].split()
+    bold = next((w for w in words if w in ("bold", "bolder", "lighter")), "normal")
+    slant = next((w for w in words if w in ("italic", "oblique")), "normal")
+    weight = next((w for w in words if w.isdigit()), bold)
+    return f"font-style:{slant};font-weight:{weight};font-size:{found[2]};font-family:{found[3]}"
 
-    def choose(self, named: str, element: Element | None) -> str:
-        """Return the family drawn for a CSS font list of an element, or of a style sheet (None)."""
-        family = _SANS
-        if element is None or element in self._asked:
-            family, found = _choose(named)
-            self._files.update(dict.fromkeys(found))
-            first = named.split(",")[0].strip(" \"'")
-            if first and family.lower() != first.lower() and first.lower() not in _GENERIC:
-                self.notes[
-                    f"its text is drawn in {family} instead of {first}, which this machine lacks "
-                    "(turn it to paths in the editor to keep its look)"
-                ] = None
+
+def _fonts_of_text(root: Element, what: str, notes: Notes) -> tuple[str, ...] | None:
+    """Name the families that are drawn, and return their files; None where there is no text.
+
+    Raises:
+        InputError: no font of this machine has a character of the text; `what` names the picture.
+    """
+    texts = list(root.iter(f"{{{SVG}}}text"))
+    said = "".join("".join(text.itertext()) for text in texts)
+    if not said.strip():
+        return None
+    files: dict[str, None] = {}
+
+    def choose(named: str) -> str:
+        family, found = _choose(named)
+        files.update(dict.fromkeys(found))
+        first = named.split(",")[0].strip(" \"'")
+        if first and family.lower() != first.lower() and first.lower() not in _GENERIC:
+            notes[
+                f"its text is drawn in {family} instead of {first}, which this machine lacks "
+                "(turn it to paths in the editor to keep its look)"
+            ] = None
         return family
 
-    def list_files(self, what: str) -> tuple[str, ...]:
-        """Return the font files that the text needs, beside the bundled ones.
-
-        Raises:
-            InputError: no font of this machine has a character of the text; `what` names the picture.
-        """
-        for text in self._texts:
-            for element in text.iter():
-                style = element.get("style", "").replace(" ", "")
-                rtl = element.get("direction") == "rtl" or "direction:rtl" in style
-                if rtl and element.text and not len(element):
-                    # resvg starts every line at the left
-                    element.text = f"\u2067{element.text}\u2069"
-        supplied = (*self._files, *supply_fonts(None))
-        for character in dict.fromkeys(self._said):
-            if unicodedata.category(character) not in UNDRAWN:
-                path = find_font(character, supplied, what)
-                if path not in supplied:
-                    self._files[path] = None
-        return tuple(self._files)
+    for element in root.iter():
+        if "font-family" in element.attrib:
+            element.set("font-family", choose(element.attrib["font-family"]))
+        for place in ("style", "text"):
+            css = element.get("style", "") if place == "style" else element.text or ""
+            if "font" in css and (place == "style" or local_name(element) == "style"):
+                css = _FONT.sub(_expand_font, css)
+                css = _FAMILY.sub(lambda found: f"font-family:'{choose(found[1])}'", css)
+                element.set("style", css) if place == "style" else setattr(element, "text", css)
+    for text in texts:
+        for element in text.iter():
+            rtl = "rtl" in element.get("direction", "") + element.get("style", "")
+            if rtl and element.text and not len(element):  # resvg starts every line at the left
+                element.text = f"\u2067{element.text}\u2069"
+    supplied = (*files, *supply_fonts(None))
+    for character in dict.fromkeys(said):
+        if unicodedata.category(character) not in UNDRAWN:
+            path = find_font(character, supplied, what)
+            if path not in supplied:
+                files[path] = None
+    return tuple(files)
 
 
 def _choose(named: str) -> tuple[str, tuple[str, ...]]:
