@@ -305,8 +305,8 @@ def test_what_a_person_can_do_stands_on_top() -> None:
 
 
 def test_optional_print_numbers() -> None:
-    text = fabrication_page(print={"time_s": 5400.0, "filament_m": 20.42}).text
-    assert "print time" in text and "1 h 30 min" in text and "20.4" in text
+    text = fabrication_page(print={"time_s": 5400.0, "filament_m": 20.42, "filament_g": 61.0}).text
+    assert "Printing takes" in text and "1 h 30 min" in text and "20.4" in text
 
 
 @pytest.mark.parametrize(
