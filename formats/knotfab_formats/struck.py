@@ -42,7 +42,9 @@ OPTIONS: dict[str, Struck] = {
     "tradeoff --device": Struck("Leave it out: the search runs on the CPU", nothing=("cpu",)),
     "tradeoff --repeats": Struck("Give the call several folders by --out", nothing=("1",)),
     "tradeoff --jobs": Struck("Builds go one after another, as they are timed", nothing=("1",)),
-    "tradeoff --combinations": Struck("Turn keys of [search] together by --scene", nothing=("0",)),
+    "tradeoff --combinations": Struck(
+        "Turn keys of [search] together by --scene", nothing=("0", "16")
+    ),
     "--watch": Struck("Use knotfab studio, which shows a build as it grows.", flag=True),
 }
 """Options of the command line by name ("COMMAND --name" if only one command lost it); for callers of the
