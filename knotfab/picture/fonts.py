@@ -29,6 +29,8 @@ _SUPPLIED = (
     "STIXSizOneSymReg",
 )
 _SIZE = 1000  # points at 72 dpi, so outlines come in thousandths of an em
+_SYMBOLS = 0xF000  # where fonts of symbols have the characters of a keyboard
+_COLOURED = {"COLR", "CBDT", "sbix", "SVG "}  # tables of glyphs in colours
 STYLES = "\ufe0e\ufe0f"  # signs that choose between styles of a glyph
 # Scripts with joining letters: Brahmic, Thai to Tibetan, Korean, Khmer, Mongolian, further blocks.
 _JOINED = re.compile(
@@ -48,7 +50,26 @@ def load_font(path: str) -> FT2Font:
 
     font = FT2Font(path)
     font.set_size(_SIZE, 72)
+    if font.num_charmaps and not font.get_charmap():  # symbols have no map of Unicode
+        font.set_charmap(0)
     return font
+
+
+def glyph_code(path: str, character: str) -> int:
+    """Return the code under which a font has a character, in a font of symbols from U+F000 on; 0: none."""
+    codes = ord(character), _SYMBOLS + ord(character)
+    return next((c for c in codes if load_font(path).get_char_index(c)), 0)
+
+
+def is_coloured(path: str) -> bool:
+    """Return whether a font may draw its glyphs in colours instead of outlines."""
+    from fontTools.ttLib import TTFont, TTLibError
+
+    try:
+        with TTFont(path, fontNumber=0, lazy=True) as font:
+            return not _COLOURED.isdisjoint(font.keys())
+    except (TTLibError, OSError):
+        return False
 
 
 def supplied_folder() -> str:
@@ -78,7 +99,7 @@ def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
         InputError: no font has it; `what` is how the message names the picture.
     """
     for path in fonts:
-        if load_font(path).get_char_index(ord(character)):
+        if glyph_code(path, character):
             return path
     for path in _system_fonts(f":charset={ord(character):x}"):
         if _has_outline(path, character):
@@ -95,10 +116,10 @@ def find_font(character: str, fonts: tuple[str, ...], what: str) -> str:
 def _has_outline(path: str, character: str) -> bool:
     """Return whether a font is readable and has an outline for a character, not only a bitmap."""
     try:
-        font = load_font(path)
-        if not font.get_char_index(ord(character)):
+        font, code = load_font(path), glyph_code(path, character)
+        if not code:
             return False
-        font.load_char(ord(character))
+        font.load_char(code)
         return len(font.get_path()[0]) > 0
     except (RuntimeError, OSError):
         return False
@@ -124,22 +145,31 @@ def _named_font(asked: str) -> str:
         raise InputError(
             what,
             "this machine has no font of that name",
-            'Name a family, such as --font "DejaVu Serif" (fc-list : family lists them), or a file.',
+            'Name a family, such as --font "DejaVu Serif" (fc-list : family lists them), one of its '
+            'styles, such as "DejaVu Serif:style=Bold", or a file.',
         )
     return found[0]
 
 
 @cache
 def find_family(asked: str) -> tuple[str, ...] | None:
-    """Return the files of a family, upright and regular first; None if it is not installed."""
-    family = asked.replace("\\", "\\\\").replace(":", "\\:").replace("-", "\\-").replace(",", "\\,")
-    files = []
-    for found in _system_fonts(family) if asked.strip() else ():
-        with contextlib.suppress(RuntimeError, OSError):
-            load_font(found)
-            files.append(found)
-    if files:
-        return tuple(files)
+    """Return the files of a family, upright and regular first, or of one style; None if it is not installed.
+
+    A style is named as "DejaVu Sans Bold", "DejaVuSans-Bold" or "DejaVu Sans:style=Bold".
+    """
+    family, _, style = (
+        re.sub(r"([\\\\:,-])", r"\\\1", word) for word in asked.partition(":style=")
+    )
+    patterns = [f"{family}:style={style}"] if style else [family, f":fullname={family}"]
+    patterns += [] if style else [f":postscriptname={family}"]
+    for pattern in patterns if asked.strip() else ():
+        files = []
+        for found in _system_fonts(pattern):
+            with contextlib.suppress(RuntimeError, OSError):
+                load_font(found)
+                files.append(found)
+        if files:
+            return tuple(files)
     from matplotlib.font_manager import (
         findfont,  # finds matplotlib's own fonts, which fontconfig does not
     )
@@ -147,7 +177,12 @@ def find_family(asked: str) -> tuple[str, ...] | None:
     try:
         return (str(findfont(asked, fallback_to_default=False)),)
     except ValueError:
-        return None
+        pass
+    squeezed = re.sub(r":style=|\W", "", asked).casefold()
+    for file in sorted(os.listdir(supplied_folder())):
+        if squeezed == re.sub(r"\.ttf$|\W", "", file).casefold():
+            return (f"{supplied_folder()}/{file}",)
+    return None
 
 
 def _system_fonts(pattern: str) -> Iterator[str]:

@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.picture.fonts import STYLES, find_font, load_font, needs_shaping, supply_fonts
+from knotfab.picture.fonts import (
+    STYLES,
+    find_font,
+    glyph_code,
+    is_coloured,
+    load_font,
+    needs_shaping,
+    supply_fonts,
+)
 from knotfab.picture.raster import MARGIN
 from knotfab.picture.svg.render import LONGER_SIDE, render
 from knotfab_formats.errors import InputError
@@ -72,11 +80,18 @@ def outline_text(text: str, font: str | None = None) -> Outline:
         name = find_font(character, fonts, what)
         face = load_font(name)
         used[name] = None
-        index = face.get_char_index(ord(character))
+        code = glyph_code(name, character)
+        index = face.get_char_index(code)
         if previous[0] == name:
             pen += face.get_kerning(previous[1], index, Kerning.UNFITTED) / 64.0
-        glyph = face.load_char(ord(character), flags=flags)
+        glyph = face.load_char(code, flags=flags)
         vertices, codes = face.get_path()
+        if not len(vertices) and not character.isspace() and is_coloured(name):
+            raise InputError(
+                what,
+                f"its {character} is drawn in colours, which are not read",
+                "Name a font of plain outlines.",
+            )
         if len(vertices):
             placed = np.asarray(vertices) * (1.0, -1.0) + (pen, 0.0)
             corners.append(placed[np.asarray(codes) != 79])
@@ -139,10 +154,7 @@ def _shape_text(text: str, font: str | None) -> tuple[str, tuple[str, ...], _Box
         find_font(c, fonts, _name(text)) for c in drawn if unicodedata.category(c) not in _UNDRAWN
     ]
     # a joined word is of one font: the font that has most of its characters, the first of equals
-    order = sorted(
-        dict.fromkeys(files),
-        key=lambda f: -sum(load_font(f).get_char_index(ord(c)) > 0 for c in drawn),
-    )
+    order = sorted(dict.fromkeys(files), key=lambda f: -sum(glyph_code(f, c) > 0 for c in drawn))
     families = ", ".join(f"'{load_font(f).family_name}'" for f in order)
     first = next((d for c in drawn if (d := unicodedata.bidirectional(c)) in ("L", "R", "AL")), "L")
     said = drawn if first == "L" else f"{_RIGHT_TO_LEFT}{drawn}{_END}"
