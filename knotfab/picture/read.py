@@ -24,11 +24,7 @@ from knotfab.picture.source import (
     DRAWN_SUFFIXES,
     SECONDS,
     TEXT_PREFIX,
-    bare_glimpse,
     bare_picture,
-    glimpse,
-    glimpse_further,
-    look_at,
     name_picture,
     plain_name,
     read_source,
@@ -271,8 +267,6 @@ def read_targets(
         )
     if any(os.path.isfile(os.path.join(base or "", source)) for source in sources):
         from scipy import ndimage  # noqa: F401 (the copy that reads would load it, and lose it)
-    if glance and len(sources) == 1:
-        look_at(sources[0], base)
     return run_limited(
         lambda: tuple(
             read_target(source, view, base=base, font=font, glance=glance)
@@ -287,9 +281,7 @@ def _take_target(
     data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: int
 ) -> Target:
     glance *= reading.crop_px is False
-    seen = glimpse_further(glimpse(data, what), glance) if glance else None
-    image, kind = (seen.image, seen.kind) if seen else raster.decode(data, what)
-    size, shrunk = (seen.size, seen.shrunk) if seen else (image.size, 1)
+    image, kind, size, shrunk = raster.decode_shrunk(data, what, glance)
     whole = data
     frames = raster.count_frames(data) if kind in MOVING else 1
     if kind not in raster.KEPT:
@@ -300,11 +292,7 @@ def _take_target(
     asked = reading
     notes: tuple[str, ...] = ()
     if reading.ink == "auto":
-        whole_one = not reading.crop_px
-        if seen and image is seen.image:
-            bare = bare_glimpse(seen, whole_one)
-        else:
-            bare = bare_picture(image, whole_one)
+        bare = bare_picture(image, whole=not reading.crop_px)
         if bare is not None:
             image, notes = bare[0], (bare[1],)
             data, kind = encode_image(image), "PNG"

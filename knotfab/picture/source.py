@@ -1,4 +1,4 @@
-"""The file that a picture is read from: its name, its bytes, and a glimpse of it, decoded once and shrunk."""
+"""The file that a picture is read from: its name, its bytes, and the picture without its ground."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import hashlib
 import re
 import unicodedata
 from collections.abc import Collection
-from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from urllib.parse import unquote
@@ -15,7 +13,6 @@ from urllib.parse import unquote
 from PIL import Image
 
 from knotfab.base.disk import at_home, read_file
-from knotfab.base.limited import run_limited
 from knotfab.picture import raster
 from knotfab.picture.colours import even_out
 from knotfab.picture.ground import plain_ground
@@ -27,9 +24,6 @@ PICTURE_SUFFIXES = frozenset(chain(*raster.SUFFIXES.values(), DRAWN_SUFFIXES))
 _MOST_SIGNS, _MOST_BYTES = 60, 180  # longest name: files add prefixes and suffixes to it
 SECONDS = 60  # processor time in which a picture is read
 _MISSING = "Check the path, or write text:… for a word or a glyph."
-_LARGE = 1 << 20  # bytes from which a file is kept for the next reading of it
-_last: dict[bytes, Glimpse] = {}
-_last_file: dict[tuple[int, ...], bytes] = {}  # the last large one
 
 
 def plain_name(raw: str, fallback: str) -> str:
@@ -67,49 +61,6 @@ def title_of(given: str) -> str:
     return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
-@dataclass(frozen=True, eq=False)
-class Glimpse:
-    """A picture, perhaps shrunk: `shrunk` px of the file make one of `image`, across."""
-
-    image: Image.Image
-    kind: str
-    size: tuple[int, int]  # width and height of the whole picture, upright
-    shrunk: int
-
-
-def glimpse(data: bytes, what: str) -> Glimpse:
-    """Decode a picture, and shrink a larger one's longer side to about `raster.GLANCE` px.
-
-    The last result is kept, so that copies of this process have it.
-    """
-    found = _last.get(data)
-    if found is None:
-        seen = run_limited(
-            lambda: raster.decode_shrunk(data, what, raster.GLANCE), what, seconds=SECONDS
-        )
-        found = Glimpse(*seen)
-        _last.clear()
-        _last[data] = found
-    return found
-
-
-@lru_cache(maxsize=2)
-def glimpse_further(seen: Glimpse, longest: int) -> Glimpse:
-    """Shrink the longer side of a picture further, to about `longest` px."""
-    factor = (
-        1 if seen.image.mode.startswith(("I", "F")) else raster.shrunk_by(seen.image.size, longest)
-    )
-    if factor == 1:
-        return seen
-    return replace(seen, image=raster.shrink(seen.image, factor), shrunk=factor * seen.shrunk)
-
-
-@lru_cache(maxsize=2)
-def bare_glimpse(seen: Glimpse, whole: bool) -> tuple[Image.Image, str] | None:
-    """Return a glimpse without its ground or uneven light, as `bare_picture` does."""
-    return bare_picture(seen.image, whole)
-
-
 def bare_picture(image: Image.Image, whole: bool) -> tuple[Image.Image, str] | None:
     """Return a picture without its ground, if it is `whole`, or without its uneven light, with a note."""
     plain = plain_ground(image) if whole else None
@@ -132,9 +83,6 @@ def read_bytes(
         InputError: there is none, it may not be read, it is empty, or too large for a picture.
     """
     most = 9 * largest**2  # a pixel of 16-bit RGBA, and the file's other data
-    kept = _stamp(path)
-    if kept is not None and kept in _last_file and len(_last_file[kept]) <= most:
-        return _last_file[kept]
     data = read_file(
         path,
         what,
@@ -145,19 +93,7 @@ def read_bytes(
     )
     if not data:
         raise InputError(what, "the file is empty", "Copy or export it again.")
-    if kept is not None and len(data) >= _LARGE:
-        _last_file.clear()
-        _last_file[kept] = data
     return data
-
-
-def _stamp(path: Path) -> tuple[int, ...] | None:
-    """Return a key for a file's present content, which changes when the file does; None without a file."""
-    try:
-        one = path.stat()
-    except (OSError, ValueError):
-        return None
-    return one.st_dev, one.st_ino, one.st_size, one.st_mtime_ns, one.st_ctime_ns
 
 
 def read_source(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
@@ -177,11 +113,3 @@ def read_source(source: str | Path, base: Path | None) -> tuple[bytes, Path]:
         )
     missing = _MISSING if base is None else "Lay it beside the scene that names it."
     return read_bytes(path, what, missing=missing), path
-
-
-def look_at(source: str | Path, base: Path | None) -> Glimpse | None:
-    """Decode a pixel picture once, for copies of this process, too; return None for other pictures."""
-    if str(source).startswith(TEXT_PREFIX):
-        return None
-    data, _ = read_source(source, base)
-    return glimpse(data, shown(source)) if raster.looks_like_raster(data) else None

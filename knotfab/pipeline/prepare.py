@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from knotfab.base.errors import SceneError
+from knotfab.base.limited import run_limited
 from knotfab.base.progress import Progress
 from knotfab.design.budget import require_budget
 from knotfab.design.candidates import PICTURE
@@ -21,9 +22,9 @@ from knotfab.design.frames import (
 )
 from knotfab.picture.colours import is_photo
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
-from knotfab.picture.raster import GLANCE
+from knotfab.picture.raster import GLANCE, decode_shrunk
 from knotfab.picture.read import Target, read_targets
-from knotfab.picture.source import TEXT_PREFIX, glimpse, plain_name
+from knotfab.picture.source import SECONDS, TEXT_PREFIX, plain_name
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
@@ -309,7 +310,11 @@ def _explain_photograph(found: Survey) -> Survey:
     if error is None or error.what != PICTURE or len(found.views) > 1:
         return found
     target = found.views[0].target
-    if not is_photo(glimpse(target.png_bytes, target.shown).image):
+
+    def look() -> bool:
+        return is_photo(decode_shrunk(target.png_bytes, target.shown, GLANCE)[0])
+
+    if not run_limited(look, target.shown, seconds=SECONDS):
         return found
     why = f"it is a photograph, and no drawing: {error.why}"
     remedy = "Lift its subject out (a phone or rembg does in one tap), and bring the PNG with transparency"
