@@ -112,16 +112,6 @@ def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path)
         assert request.otherwise is None and not request.why_supported
 
 
-def test_gcode_is_kept_only_where_something_is_sliced(square: Path) -> None:
-    for given, remedy in (
-        ({}, "Add --print"),
-        ({"print": True, "skip": "slicer"}, "Leave out --skip"),
-    ):
-        options = options_from({**given, "also": "gcode"})
-        with pytest.raises(InputError, match=f"--also gcode: nothing is sliced.*{remedy}"):
-            prepare_build([str(square)], options, "", Progress("quiet"))
-
-
 @pytest.mark.slow
 def test_a_scene_that_a_build_wrote_keeps_the_piece_its_name(square: Path, tmp_path: Path) -> None:
     written = tmp_path / "written"
