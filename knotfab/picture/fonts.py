@@ -191,7 +191,7 @@ def _system_fonts(pattern: str) -> Iterator[str]:
     Without fontconfig: all fonts that matplotlib finds, if the pattern asks for a character.
     """
     if shutil.which("fc-list") is None:
-        if pattern.startswith(":"):
+        if pattern.startswith(":charset="):
             from matplotlib.font_manager import findSystemFonts
 
             yield from sorted(findSystemFonts())
