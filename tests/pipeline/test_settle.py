@@ -306,3 +306,46 @@ def test_another_tube_than_the_preview_told_is_a_warning(
     said = tell_other_tube(previewed, built)
     assert bool(said) == told
     assert not told or f"--tube-radius {previewed:.2f}" in said[0]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An attempt that comes to its name, or fails."""
+
+    what: str
+    why: str = ""
+    fails: bool = False
+
+    def make(self) -> str:
+        if self.fails:
+            raise SceneError(self.what, "it breaks", "Take another")
+        return self.what
+
+    def judge(self, made: str) -> str:
+        return f"{made} made"
+
+
+def test_attempts_are_told_in_order_with_what_came_of_each() -> None:
+    """What fails is thrown into the plan, which may go on; what follows says why."""
+
+    def plan() -> Any:
+        with pytest.raises(SceneError, match="it breaks"):
+            yield Tried("a stand", fails=True)
+        return (yield Tried("a wall mount", why="a stand breaks")), (yield Tried("a piece"))
+
+    attempts = Attempts(Progress("quiet"))
+    assert attempts.carry_out(plan()) == ("a wall mount", "a piece")
+    told = [(one.what, one.outcome, one.why_next) for one in attempts.made]
+    assert told == [
+        ("a stand", "a stand: it breaks", "a stand breaks"),
+        ("a wall mount", "a wall mount made", None),
+        ("a piece", "a piece made", None),
+    ]
+    attempts.because = "built again"  # as where the next scene has the slicer's supports
+    with pytest.raises(SceneError, match="it breaks"):
+        attempts.carry_out(iter_one(Tried("a piece", fails=True)))
+    assert [one.why_next for one in attempts.made[-2:]] == ["built again", None]
+
+
+def iter_one(attempt: Tried) -> Any:
+    yield attempt
