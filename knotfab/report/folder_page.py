@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from knotfab.base.errors import why_of
 from knotfab.report.for_maker import draw_setup, list_files
 from knotfab.report.page import render_html
 from knotfab.report.pictures import find_pictures
 from knotfab.report.viewer import read_viewer_data
 from knotfab_formats.disk import write_whole
 from knotfab_formats.errors import InputError, spelled
-from knotfab_formats.errors import shown as shown_as
 from knotfab_formats.report import read_report
 
 
@@ -24,7 +24,8 @@ def write_page(folder: Path) -> Path:
         report = read_report(folder / "report.json")
         shown = read_viewer_data(folder) if report.views else None
     except (OSError, ValueError, TypeError, IndexError) as error:
-        why = f"it holds no whole build ({shown_as(error)})"
+        which = f" ({why_of(error)})" if isinstance(error, OSError) else " of this version"
+        why = f"it holds no whole build{which}"
         raise InputError(str(folder), why, "Build it again with --scene.") from error
     page = render_html(
         report,

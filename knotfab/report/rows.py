@@ -137,7 +137,7 @@ def _list_printing(report: Report) -> Iterator[Row]:
     piece, mount = report.print, report.print.mount
     loose = len(report.knots) > 1 and piece.parts is None
     if mount is not None and mount.kind == "none":
-        kind = "wall" if len(report.views) == 1 and loose else "stand"
+        kind = "wall" if len(report.views) == 1 else "stand"
         kept = " Its knots are loose pieces, which the file keeps in place." if loose else ""
         yield Row(
             name="mount",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from reports import LOSS, VERDICT, check_of, report_with
 
+from knotfab.report.folder_page import write_page
 from knotfab.report.rows import list_rows
+from knotfab_formats.errors import InputError
 from knotfab_formats.report import Row
 
 OFF = {
@@ -51,7 +54,7 @@ TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
      {"value": 42.0, "unit": "g", "text": "178 × 172 × 109 mm, 2.5 h, 42 g, 13 g of it supports; one knot"}),
     ({"print": {"bounding_box_mm": None, "mass_g": 0.0}}, "piece",
      {"text": "no part; one knot of a tube 4.0 mm thick"}),
-    ({"print": {"mount": {"kind": "none"}}}, "mount", {"remedy": "--mount stand"}),
+    ({"print": {"mount": {"kind": "none"}}}, "mount", {"remedy": "--mount wall"}),
     ({"print": {"mount": {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0]}}}, "thread", {"status": "do"}),
     ({"print": {"mount": {"kind": "wall", "foot": "dowel", "pegs": 5}}}, "holes", {"text": "Its 5 pegs"}),
     ({"print": {"supports": SUPPORTS, "bars": {"count": 3, "grams": 1.0, "longest_mm": 8.3}}}, "supports",
@@ -81,3 +84,12 @@ def test_what_presses_stands_first() -> None:
     )
     ranks = [("fail", "warn", "do", "info").index(row.status) for row in found]
     assert ranks == sorted(ranks) and {0, 1, 2, 3} == set(ranks)
+
+
+@pytest.mark.parametrize("held", [None, "{", '{"schema": 1}', "[]"])
+def test_a_folder_without_a_whole_build_gets_no_page(tmp_path: Path, held: str | None) -> None:
+    if held is not None:
+        (tmp_path / "report.json").write_text(held)
+    with pytest.raises(InputError, match="it holds no whole build"):
+        write_page(tmp_path)
+    assert not (tmp_path / "report.html").exists()
