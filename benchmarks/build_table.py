@@ -85,6 +85,8 @@ COLUMNS: dict[str, Callable[[Report], float | str]] = {
     "radius_mm": lambda r: r["settings"]["tube_radius_mm"],
     "depth": lambda r: r["print"]["depth_ratio"],
     "z45": lambda r: r["views"][0]["recognition"]["45"]["z"],
+    "told": lambda r: r["views"][0]["told"]["worst"]["share"],
+    "bars": lambda r: (r["print"].get("bars") or {"count": 0})["count"],
     "bend": mean_bend,
     "turns": lambda r: sum(k["turns"] for k in r["knots"]),
     "length_mm": lambda r: sum(k["length_mm"] for k in r["knots"]),

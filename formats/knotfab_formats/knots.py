@@ -17,6 +17,7 @@ MOST_MEMBERS = 10_000  # members of a mount; a build makes about a hundred
 MOST_CORNERS = 5_000  # corners of a hull
 
 _Radius = Annotated[float, Strict(), Field(gt=0, le=MOST_COORDINATE_MM)]
+_Ring = Annotated[list[Vector], FailFast(), Field(min_length=3, max_length=MOST_MEMBERS)]
 _FINITE = ConfigDict(frozen=True, allow_inf_nan=False)
 
 
@@ -37,13 +38,14 @@ class Member(BaseModel):
 class Slab(BaseModel):
     """A flat plate in which the piece stands; lengths in mm.
 
-    `outline` are the corners of its face, whose unit normal is `out`; `holes` are the middles of round holes
-    there, `hole_mm` wide, that go through.
+    `outline` are the corners of its face, whose unit normal is `out`, and `openings` those of each opening
+    in it; `holes` are the middles of round holes there, `hole_mm` wide, that go through.
     """
 
     model_config = _FINITE
 
-    outline: Annotated[list[Vector], FailFast(), Field(min_length=3, max_length=MOST_MEMBERS)]
+    outline: _Ring
+    openings: Annotated[list[_Ring], Field(max_length=MOST_KNOTS)] = []
     holes: Annotated[list[Vector], Field(max_length=10)] = []
     hole_mm: _Radius
     thickness_mm: _Radius

@@ -221,6 +221,14 @@ class Sequence(Table):
     """The last frame leads back to the first (false: --no-loop)."""
 
 
+ON_FEET = (
+    "roots",
+    "rounded",
+    "full",
+    "outline",
+)  # plates in which a piece stands by its own valleys
+
+
 class Mount(Table):
     """What holds the piece; a build writes `pegs`, `thread_mm`, `second_thread_mm` and `turns`."""
 
@@ -231,12 +239,17 @@ class Mount(Table):
     printed). Wall, stand and hang imply --print."""
     foot: Literal["auto", "plate", "dowel"] = "auto"
     """What the pegs end in on the wall: a plate, or dowels in drilled holes."""
-    plate: Literal["pegs", "outline", "full"] = option("pegs", "Print --plate")
-    """What is on the wall: pegs that hold the piece off it (default), or a thin plate in which the
-    piece stands by its own valleys: full, as large as the frame, or outline, as the picture."""
+    plate: Literal["auto", "roots", "rounded", "full", "outline", "pegs", "none"] = option(
+        "auto", "Print --plate"
+    )
+    """What is on the wall. The piece stands by its own valleys in roots (flat strips in its own
+    shadow), or in a thin plate: rounded, a rectangle about the picture; full, as large as the
+    frame; outline, which shows the picture from every side. pegs hold it off the wall; none: it has
+    nothing. auto (default): roots for a piece without supports, rounded where roots would tell the
+    picture or its shadow leaves them no way; pegs for any other."""
     plate_thickness_mm: Length | Auto = None
     """Thickness of the plate on the wall; auto: 3 mm with pegs, 1.6 mm where the piece stands in
-    it."""
+    it, 1.2 mm if that is rounded."""
     plate_margin_mm: Length = 8.0
     """How far the plate reaches beyond the frame on each side; with plate = "outline", beyond the
     picture."""
@@ -270,12 +283,18 @@ class Mount(Table):
     @property
     def on_feet(self) -> bool:
         """True if the piece stands in its plate by its own valleys."""
-        return self.plate != "pegs" and self.kind in ("auto", "wall")
+        return self.plate in ON_FEET and self.kind in ("auto", "wall")
+
+    @property
+    def before_wall_mm(self) -> float:
+        """How far the face in which the piece stands lies before the wall: a plate is the wall itself."""
+        return self.thickness_mm if self.on_feet and self.plate == "roots" else 0.0
 
     @property
     def thickness_mm(self) -> float:
         """The thickness of the plate on the wall."""
-        return self.plate_thickness_mm or (1.6 if self.on_feet else 3.0)
+        usual = 3.0 if not self.on_feet else 1.2 if self.plate == "rounded" else 1.6
+        return self.plate_thickness_mm or usual
 
 
 class About(Table):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import hypot
+from typing import Literal
 
 from knotfab_formats.verdict import Status
 
@@ -52,6 +53,22 @@ class MountFigures:
         if self.thread_mm is None or self.second_thread_mm is None:
             return None
         return hypot(*(self.thread_mm[k] - self.second_thread_mm[k] for k in (0, 2)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RootsFigures:
+    """The strips on the wall in which a piece stands, all in the dark of its own shadow.
+
+    `screws` are the middles of their holes, right and up from the frame's middle. `tape` says where tape
+    holds them: along them all, or at the pads about the screws.
+    """
+
+    width_mm: float
+    thickness_mm: float
+    screws: tuple[tuple[float, float], ...]
+    tape: Literal["along", "pads"]
+    area_cm2: float
+    mass_g: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,6 +237,7 @@ class Print:
     turning: Turning | None = None
     pose: PoseFigures | None = None
     plate: PlateFigures | None = None
+    roots: RootsFigures | None = None
     flatter: tuple[Flatter, ...] | None = None
     support_access: SupportAccess | None = None
     supports: SupportFigures | None = None

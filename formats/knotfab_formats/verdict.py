@@ -195,6 +195,27 @@ class Named:
     first: bool
 
 
+@dataclass(frozen=True)
+class ToldFrom:
+    """How much of the picture is told to whoever looks from there: 0 nothing, 1 as plain as the picture."""
+
+    share: float
+    azimuth: float
+    elevation: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """How much of its picture the unlit piece tells: from the `worst` side, and from the `door`.
+
+    `of` says what tells most: the knots, the holder, or the whole.
+    """
+
+    worst: ToldFrom
+    door: float
+    of: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class View:
     """One view of a part; `projection` and `receiver` are in the coordinates of the part's file.
@@ -223,6 +244,7 @@ class View:
     legibility: dict[str, float]
     depth_ratio: float | None
     recognition: dict[str, Named] | None = None
+    told: Told | None = None
     lamp_colour: tuple[float, float, float] | None = None
     iou_drawn: float | None = None
     bending: Bending | None = None

@@ -204,7 +204,8 @@ def _frame_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[Resol
             )
         if scene.mount.on_feet and "wall_distance_mm" not in view.model_fields_set:
             thinnest = scene.piece.tube_radius_mm or scene.printer.min_tube_radius_mm
-            wall = plate_wall_mm(scene.mount, framed, scene.piece.depth, thinnest)
+            tallest = scene.printer.build_volume_mm[2]
+            wall = plate_wall_mm(scene.mount, framed, scene.piece.depth, thinnest, tallest)
             framed = framed.but(wall_distance_mm=wall)
         views.append(framed)
     return tuple(views)

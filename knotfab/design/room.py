@@ -19,7 +19,7 @@ from knotfab_formats.scene import LIGHT_SHARE, WALL_SHARE, ResolvedView, Settled
 
 _FOOT_SHARE = 0.5  # depth by which a valley is sunk into its plate, in radii
 _BACK_MM = 0.7  # thickness of the plate that stays below a valley
-_PLATE_SHARE = 0.24  # distance from a piece on a plate to the wall, over the frame's longer side
+_PLATE_SHARE = 0.3  # distance from a piece on a plate to the wall, over the frame's longer side
 _WIDER = 1.25  # width of the region over that of the picture
 _BESIDE_RADII = 2.0  # room before and behind the centre lines, in radii
 
@@ -59,7 +59,8 @@ def resolve_region(
         x, y = (_WIDER / view.magnification * side for side in view.frame_mm)
         reach = view.reach_mm
         if mount is not None and mount.on_feet:
-            reach = view.wall_distance_mm + mount.thickness_mm - _BACK_MM / 2
+            reach = view.wall_distance_mm - mount.before_wall_mm
+            reach += mount.thickness_mm - _BACK_MM / 2
         z = 2.0 * reach
         widest = min(max(x, y, z), 1.9 * view.light_distance_mm)
         around = {"cylinder": widest, "sphere": widest}
@@ -121,16 +122,19 @@ def foot_sink_mm(mount: Mount, radius: float) -> float:
     return min(_FOOT_SHARE * radius, mount.thickness_mm - _BACK_MM)
 
 
-def plate_wall_mm(mount: Mount, view: ResolvedView, depth: float | None, thinnest: float) -> float:
+def plate_wall_mm(
+    mount: Mount, view: ResolvedView, depth: float | None, thinnest: float, tallest: float
+) -> float:
     """Return the distance from the middle of a piece to the wall plate that its valleys stand in, mm.
 
     Args:
-        depth: the depth asked for, mm. thinnest: radius of the thinnest tube, mm.
+        depth: the depth asked for, mm. thinnest: radius of the thinnest tube, mm. tallest: height of what
+            the printer prints, mm.
     """
     asked = None if depth is None else 0.5 * depth + thinnest - foot_sink_mm(mount, thinnest)
-    return round(
-        min(asked or _PLATE_SHARE * view.longer_mm, LIGHT_SHARE * view.light_distance_mm), 2
-    )
+    usual = min(_PLATE_SHARE * view.longer_mm, 0.5 * tallest - mount.thickness_mm)
+    asked = (asked or usual) + mount.before_wall_mm
+    return round(min(asked, LIGHT_SHARE * view.light_distance_mm), 2)
 
 
 def plate_depth_mm(mount: Mount, view: ResolvedView, radius: float) -> float:
@@ -139,7 +143,8 @@ def plate_depth_mm(mount: Mount, view: ResolvedView, radius: float) -> float:
     Raises:
         SceneError: the wall is too near.
     """
-    depth = 2.0 * (view.wall_distance_mm + foot_sink_mm(mount, radius) - radius)
+    face = view.wall_distance_mm - mount.before_wall_mm
+    depth = 2.0 * (face + foot_sink_mm(mount, radius) - radius)
     if depth < 8.0 * radius:  # less than an arch over a neighbour
         raise SceneError(
             "scene key views.wall_distance_mm",

@@ -42,6 +42,7 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
 _SHOWN = 3  # thicker tubes to show beside the chosen one
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
+_ROOTS = 0.09  # area of roots over the square of the picture's longer side, as built: .08 to .10
 _SPARE = 0.3  # tolerance of a simplified outline, px
 _HOPELESS = 0.45  # IoU of strokes drawn too thick, below which no search helps
 _BLOBS = 0.3  # share of strokes that run together, above which they are no drawing
@@ -280,7 +281,13 @@ def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
 
 
 def _outline_mm2(seen: ViewSurvey, mount: Mount) -> float:
-    """Return the area of a plate of the picture's outline, holes filled; infinite for another plate."""
+    """Guess the area of roots, or return that of a plate about the picture; infinite for another one."""
+    x0, y0, x1, y1 = np.array(seen.polygon.bounds) * seen.wall_mm_per_px
+    if mount.plate == "roots":
+        area = float(seen.polygon.area) * seen.wall_mm_per_px**2
+        return min(area, _ROOTS * float(max(x1 - x0, y1 - y0)) ** 2)
+    if mount.plate == "rounded":
+        return float((x1 - x0 + 6.0) * (y1 - y0 + 6.0))
     if mount.plate != "outline":
         return np.inf
     px = 1.0 / seen.wall_mm_per_px

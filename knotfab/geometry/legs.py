@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Indices
+from knotfab.base.compiled import compiled
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh
 from knotfab_formats.upright import longest_free_leg_mm
@@ -19,7 +20,7 @@ SUNK_MM = 0.5  # depth of a bar's end in its strand
 MOST_BAR_MM = 9.0  # between the surfaces that a bar joins
 _STEP_MM = 0.4  # spacing of the points on a leg
 _PROMINENT_MM = 1.0  # least height by which a peak or valley stands out
-_SPARE = 0.9  # a share of the longest free leg: the mesh and the layers find it a little longer
+_SPARE = 0.97  # a share of the longest free leg: the mesh and the layers find it a little longer
 _WAITS_MM = 1.0  # a longer bar waits until its leg has stood free for 95 % of what it may
 _LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
 _SOON = 0.6  # share of the longest free leg
@@ -135,16 +136,14 @@ def plan_bars(
     begin = np.cumsum([0, *sizes])
     steps = np.concatenate([np.gradient(leg.points, axis=0) for leg in legs])
     ways = steps / np.linalg.norm(steps, axis=1)[:, None]
-    flat, level = cKDTree(points[:, :2]), cKDTree(points)
+    level, upwards = cKDTree(points), np.argsort(points[:, 2], kind="stable")
+    heights = points[upwards, 2]
 
     def find_bar(n: int, longest: float) -> tuple[Bar, int] | None:
         """Find the shortest bar from a point, no longer than `longest`, and the point that it leads to."""
         here = points[n]
-        near = np.array(flat.query_ball_point(here[:2], 2 * radius + longest))
-        near = near[(np.abs(points[near, 2] - here[2]) < 0.5 * _STEP_MM) & (own[near] != own[n])]
-        near = near[along[near] > 3 * radius]
-        away = np.linalg.norm(points[near] - here, axis=1)
-        for k in np.argsort(away, kind="stable").tolist()[:_TRIED]:
+        near, away = _find_level(n, points, upwards, heights, own, along, radius, longest)
+        for k in range(len(near)):
             if away[k] < 1.9 * radius:
                 continue
             there = points[near[k]] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
@@ -154,13 +153,15 @@ def plan_bars(
             if np.abs(ways[[n, near[k]]] @ (there - here)).max() > _ASLANT * length:
                 continue
             line = np.linspace(here, there, int(length / _FINE_MM) + 2)
-            air = np.flatnonzero(level.query(line)[0] > radius)
-            if not len(air) or np.ptp(air) >= len(air):
+            close = level.query_ball_point(0.5 * (here + there), 0.5 * length + radius + BAR_MM[1])
+            about = points[close]
+            first, last, count = _find_air(line, about, radius, 0.0)
+            if not count or last - first >= count:
                 continue
             # just below a peak its two legs have met at the bar's top
-            if level.query(line[air] + [0.0, 0.0, 0.5 * BAR_MM[1]])[0].max() <= radius:
+            if not _find_air(line[first : last + 1], about, radius, 0.5 * BAR_MM[1])[2]:
                 continue
-            start, end = line[air[0]], line[air[-1]]
+            start, end = line[first], line[last]
             found = Bar(start, end, float(np.linalg.norm(end - start)))
             if not _LEAST_MM <= found.gap_mm <= longest or not hidden(line[::_EVERY]):
                 continue
@@ -176,7 +177,8 @@ def plan_bars(
 
     tied = np.zeros(len(legs))
     bars, lacking = list[Bar](), list[Array]()
-    for n in np.argsort(points[:, 2], kind="stable").tolist():
+    ties = list[tuple[int, int]]()  # the points that each bar joins
+    for n in upwards.tolist():
         leg = int(own[n])
         free = along[n] - tied[leg]
         if total[leg] - tied[leg] <= most or free < _SOON * most:
@@ -196,9 +198,104 @@ def plan_bars(
         if found is not None:
             bar, other = found
             bars.append(bar)
+            ties.append((n, other))
             tied[leg] = along[n]
             tied[own[other]] = max(tied[own[other]], along[other])
-    return bars, np.array(lacking).reshape(-1, 3)
+    kept = _drop_spare(
+        [bar.gap_mm for bar in bars],
+        [[(int(own[n]), float(along[n])) for n in pair] for pair in ties],
+        total,
+        most,
+    )
+    return [bars[n] for n in kept], np.array(lacking).reshape(-1, 3)
+
+
+def _drop_spare(
+    gaps: list[float], ties: list[list[tuple[int, float]]], total: Array, most: float
+) -> list[int]:
+    """Choose which bars stay: each without which a leg would stand free for more than `most` mm.
+
+    Args:
+        gaps: of the bars, the widest of which goes first. ties: the two legs that each joins, and how far
+            along.
+        total: the legs' lengths.
+    """
+    along = [sorted(at for pair in ties for leg, at in pair if leg == n) for n in range(len(total))]
+    kept = set(range(len(gaps)))
+    for bar in sorted(kept, key=lambda n: -gaps[n]):
+        for leg, at in ties[bar]:
+            rest = along[leg].copy()
+            rest.remove(at)
+            longest = np.diff([0.0, *rest, total[leg]]).max()
+            # where a leg lacks a bar it stands free for longer, whatever else holds it
+            if longest > max(most, np.diff([0.0, *along[leg], total[leg]]).max()):
+                break
+        else:
+            kept.remove(bar)
+            for leg, at in ties[bar]:
+                along[leg].remove(at)
+    return sorted(kept)
+
+
+@compiled
+def _find_level(
+    n: int,
+    points: Array,
+    upwards: Indices,
+    heights: Array,
+    own: Indices,
+    along: Array,
+    radius: float,
+    longest: float,
+) -> tuple[Indices, Array]:
+    """Find the `_TRIED` points of other legs nearest to point n at its height, off the bed, and how far.
+
+    `upwards` orders all points by their `heights`.
+    """
+    near, away, count = np.empty(_TRIED, np.int64), np.full(_TRIED, np.inf), 0
+    z, reach = points[n, 2], 2 * radius + longest
+    for place in range(np.searchsorted(heights, z - 0.5 * _STEP_MM), len(heights)):
+        if heights[place] - z >= 0.5 * _STEP_MM:
+            break
+        k = upwards[place]
+        if own[k] == own[n] or along[k] <= 3 * radius or z - heights[place] >= 0.5 * _STEP_MM:
+            continue
+        x, y, up = points[k, 0] - points[n, 0], points[k, 1] - points[n, 1], heights[place] - z
+        if x * x + y * y > reach * reach:
+            continue
+        far = np.sqrt(x * x + y * y + up * up)
+        if far >= away[_TRIED - 1]:
+            continue
+        at = min(count, _TRIED - 1)
+        while at > 0 and away[at - 1] > far:
+            near[at], away[at] = near[at - 1], away[at - 1]
+            at -= 1
+        near[at], away[at] = k, far
+        count = min(count + 1, _TRIED)
+    return near[:count], away[:count]
+
+
+@compiled
+def _find_air(line: Array, points: Array, radius: float, up: float) -> tuple[int, int, int]:
+    """Find the first and last places (n, 3) of a line, raised by `up`, farther than `radius` from all points.
+
+    Also count them all.
+    """
+    first, last, count = -1, -1, 0
+    for n in range(len(line)):
+        x, y, z = line[n, 0], line[n, 1], line[n, 2] + up
+        free = True
+        for k in range(len(points)):
+            a, b, c = points[k, 0] - x, points[k, 1] - y, points[k, 2] - z
+            if a * a + b * b + c * c <= radius * radius:
+                free = False
+                break
+        if free:
+            if first < 0:
+                first = n
+            last = n
+            count += 1
+    return first, last, count
 
 
 def _is_clear(bar: Bar, near: Array, radius: float) -> bool:

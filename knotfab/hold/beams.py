@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -111,7 +112,7 @@ def sag_moves(
     members: Candidates,
     stiffness: Stiffness,
     step_radii: float = JOINT_RADII,
-    pinned: bool = False,
+    hold: Callable[[Beams, Indices], tuple[Beams, Mask]] | None = None,
 ) -> Array:
     """Compute how far each vertex moves on the members, mm (N, 3), from a new, finer frame.
 
@@ -120,8 +121,8 @@ def sag_moves(
     between joints by the vertices' numbers.
 
     Args:
-        sites: those that the members join. pinned: whether the members that end at the ground meet there at
-            two points, which threads hold (`hold_by_threads`); else nothing moves or turns there.
+        sites: those that the members join. hold: makes of the beams and their ends at the ground others, and
+            which of their unknowns are held (`hold_by_threads`); None: nothing moves or turns at those ends.
     """
     met = np.concatenate([members.first, members.second])
     met = met[met != GROUND]
@@ -134,8 +135,8 @@ def sag_moves(
     moved = replace(members, first=there[members.first], second=there[members.second])
     beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES)
     held = None
-    if pinned:
-        beams, held = hold_by_threads(beams, fixed)
+    if hold is not None:
+        beams, held = hold(beams, fixed)
     frame = assemble_frame(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN, held)
     moves = frame.displacements()[: len(fine.knot), :3]
     found = []

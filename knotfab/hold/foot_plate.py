@@ -1,24 +1,28 @@
-"""A thin plate on the wall, as large as frame or picture, in which the piece's valleys stand."""
+"""What is flat on the wall and holds the piece's valleys: roots in its own shadow, or a thin plate."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knotfab.base.arrays import Array
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import FILLET_MM
 from knotfab.geometry.tube import Mesh, as_manifold
 from knotfab.hold.beams import JOINT_RADII, Holder, Stiffness, sag_moves, worst_of
+from knotfab.hold.roots import MOST_OUTSIDE, WIDTHS_MM, Roots, lay_roots
 from knotfab.hold.solids import Fixture
-from knotfab.hold.struts import GROUND, Candidates, sites_of
+from knotfab.hold.space_frame import Beams, round_beams
+from knotfab.hold.struts import GROUND, Candidates, Sites, sites_of
 from knotfab.knots import Knots
+from knotfab.picture.silhouette import trace_polygon
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.solids import outlined_plate
 from knotfab_formats.piece import Mount
+from knotfab_formats.scene import SettledScene
 
 if TYPE_CHECKING:
     from shapely import Geometry, Polygon
@@ -27,22 +31,28 @@ STRIP_MM = 12.0  # wide are strips that join islands
 RIM_MM = 4.0  # about a screw's hole
 OFF_MM = 1.0  # a screw's hole keeps so far off the plate's own outline
 WITHIN_MM = 0.1  # an outline is drawn with straight lines so near to it
+NEUTRAL_MM, CORNER_MM = 3.0, 14.0  # about the piece, and corners, of a rounded plate
+PRINT_MM = 0.2  # about a foot, which a plate reaches past at least
 LEAST_BACK_MM = 0.15  # of a plate below the lowest foot
 
 
 @dataclass(frozen=True)
 class FootPlate:
-    """A plate whose face is the wall.
+    """A plate whose face is the wall, or roots that lie on it.
 
-    `outline` (n, 2), anticlockwise, and `holes` (2, 2), the middles of the screw holes, are mm
-    right and up from the frame's middle. `feet` counts the valleys of each knot that stand in it, and
-    `handles` what these add to the body's: a ring that lies in the plate whole adds none.
+    `outline` (n, 2), anticlockwise, `openings` in it, clockwise, and `holes` (k, 2), the middles of the screw
+    holes, are mm right and up from the frame's middle. `feet` counts the valleys of each knot that stand in
+    it, and `handles` what these add to the body's: a ring that lies in the plate whole adds none. Strips are
+    `width_mm` wide, 0 for a plate; `taped`: along their whole length, not at their pads alone.
     """
 
     outline: Array
+    openings: tuple[Array, ...]
     holes: Array
     feet: tuple[int, ...]
     handles: tuple[int, ...]
+    width_mm: float = 0.0
+    taped: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,17 +73,25 @@ class _Foot:
 
 
 def plan_foot_plate(
-    knots: Knots, tubes: list[Mesh], camera: Camera, stiffness: Stiffness, settings: Mount
+    knots: Knots,
+    tubes: list[Mesh],
+    camera: Camera,
+    stiffness: Stiffness,
+    settings: Mount,
+    target: Mask | None = None,
 ) -> StandingPiece:
-    """Plan the plate of a piece whose valleys reach below the wall's face.
+    """Plan the plate of a piece whose valleys reach below its face.
 
     Args:
         knots, tubes: a tube for each knot, in scene coordinates. settings: with a plate for feet.
+        target: (H, W) the picture's silhouette, where roots may lie as in the knots' own shadow.
 
     Raises:
-        SceneError: a knot has no valley there, or a valley comes out of the plate's back.
+        SceneError: a knot has no valley there, a valley comes out of the plate's back, or no shadow leads
+            roots from one foot to another.
     """
-    to_wall = np.column_stack([camera.wall_axes, -camera.wall_axes @ camera.middle])
+    face = camera.middle + settings.before_wall_mm * camera.wall_axes[2]
+    to_wall = np.column_stack([camera.wall_axes, -camera.wall_axes @ face])
     feet = _find_feet(tubes, to_wall, settings.thickness_mm)
     knot_of = np.array([foot.knot for foot in feet], dtype=np.int64)
     count = np.bincount(knot_of, minlength=len(tubes))
@@ -84,13 +102,54 @@ def plan_foot_plate(
             f"no valley of knot {bare + 1} of {len(tubes)} reaches the wall",
             "Use --plate pegs",
         )
-    outline, holes = _shape_plate(knots, feet, camera, to_wall, settings)
-    moves = _measure_sag(knots, feet, camera, stiffness)
-    sag, at = worst_of(moves, knots.points)
     # a body is joined to another over patches: its Euler characteristic is the sum less that of the patches
     handles = np.bincount(knot_of, [1 - foot.genus for foot in feet], len(tubes)).astype(int)
-    plate = FootPlate(outline, holes, tuple(count.tolist()), tuple(handles.tolist()))
+    own = tuple(count.tolist()), tuple(handles.tolist())
+    held = _hold_feet(knots, feet, camera)
+    moves = sag_moves(knots, *held, stiffness)
+    shadow = _cast_tubes(knots, camera, to_wall)
+    if settings.plate != "roots":
+        plate = FootPlate(*_shape_plate(shadow, feet, camera, settings), *own)
+        return _standing(plate, moves, knots)
+    prints, middles = _print_feet(tubes, to_wall), np.array([foot.middle for foot in feet])
+    dark = _find_dark(shadow, camera, settings, target)
+    most_mm2 = MOST_OUTSIDE * float(np.prod(camera.frame_mm))
+    found = []
+    for width in WIDTHS_MM:
+        roots = lay_roots(dark, middles, prints, settings.hole_diameter_mm, width, most_mm2)
+        plate = FootPlate(*_rings_of(roots.sheet), roots.holes, *own, width, taped=True)
+        found.append(_standing(plate, moves, knots))  # tape holds each foot where it is
+        if len(roots.holes):
+            on_pads = partial(_hold_by_pads, roots, len(feet), camera, settings)
+            swayed = sag_moves(knots, *held, stiffness, hold=on_pads)
+            screwed = _standing(replace(plate, taped=False), swayed, knots)
+            if screwed.sag_mm <= stiffness.max_sag_mm:
+                return screwed
+    return found[0]
+
+
+def _standing(plate: FootPlate, moves: Array, knots: Knots) -> StandingPiece:
+    sag, at = worst_of(moves, knots.points)
     return StandingPiece(plate=plate, sag_mm=sag, sag_at=at, moves=moves)
+
+
+def on_rounded(scene: SettledScene) -> SettledScene:
+    """Return the scene with a rounded plate in place of roots, its face where theirs is.
+
+    The wall comes nearer by the thickness of roots, and the picture there is smaller, in the same light.
+    """
+    view = scene.views[0]
+    near = view.wall_distance_mm - scene.mount.before_wall_mm
+    share = (view.light_distance_mm + near) / (view.light_distance_mm + view.wall_distance_mm)
+    keys = {
+        "wall_distance_mm": near,
+        "frame_up_mm": share * view.frame_up_mm + (1 - share) * view.light_up_mm,
+        "frame_width_mm": share * view.frame_width_mm,
+        "frame_height_mm": share * view.frame_height_mm,
+    }
+    if view.thicken_mm:
+        keys["thicken_mm"] = share * view.thicken_mm
+    return scene.but(views=(view.but(**keys),), mount=scene.mount.but(plate="rounded"))
 
 
 def ears_mm(settings: Mount) -> float:
@@ -99,11 +158,11 @@ def ears_mm(settings: Mount) -> float:
 
 
 def foot_plate_fixture(plate: FootPlate, camera: Camera, settings: Mount) -> Fixture:
-    """Make the plate, its face on the receiver plane."""
+    """Make the plate, its face on the receiver plane, or roots, their back there."""
     wall = np.column_stack(list(camera.wall_axes))
-    places = np.concatenate([plate.holes, plate.outline]).ravel().tolist()
-    sizes = (settings.thickness_mm, settings.hole_diameter_mm, *places)
-    back = camera.middle - settings.thickness_mm * wall[:, 2]
+    rings = [ring.tolist() for ring in (plate.outline, *plate.openings)]
+    sizes = settings.thickness_mm, settings.hole_diameter_mm, plate.holes.tolist(), rings
+    back = camera.middle - (settings.thickness_mm - settings.before_wall_mm) * wall[:, 2]
     return Fixture("plate", outlined_plate, sizes, np.column_stack([wall, back]))
 
 
@@ -126,23 +185,62 @@ def _find_feet(tubes: list[Mesh], to_wall: Array, thickness_mm: float) -> list[_
 
 
 def _shape_plate(
-    knots: Knots, feet: list[_Foot], camera: Camera, to_wall: Array, settings: Mount
-) -> tuple[Array, Array]:
-    """Shape the plate: its outline (n, 2), and the middles of its screw holes (2, 2)."""
+    shadow: Geometry, feet: list[_Foot], camera: Camera, settings: Mount
+) -> tuple[Array, tuple[Array, ...], Array]:
+    """Shape a plate: its outline (n, 2), no openings, and the middles of its screw holes (2, 2)."""
     import shapely
 
     within = shapely.union_all([shapely.Point(f.middle).buffer(f.reach_mm + RIM_MM) for f in feet])
     if settings.plate == "full":
         across, up = camera.frame_mm
         body = shapely.box(-across / 2, -up / 2, across / 2, up / 2).union(within)
+    elif settings.plate == "rounded":
+        box = shapely.box(*shadow.union(within).buffer(NEUTRAL_MM).bounds)
+        body = box.buffer(-CORNER_MM).buffer(CORNER_MM).union(within)
     else:
-        shadow = _cast_tubes(knots, camera, to_wall)
         body = shadow.buffer(settings.plate_margin_mm + FILLET_MM).buffer(-FILLET_MM).union(within)
     sheet = _fill_holes(_bridge_islands(body))
     holes, ears = _find_holes(sheet, settings.hole_diameter_mm)
-    sheet = _fill_holes(sheet.union(ears)).simplify(WITHIN_MM)
-    outline = shapely.geometry.polygon.orient(sheet, 1.0)
-    return np.array(outline.exterior.coords)[:-1], holes
+    return *_rings_of(_fill_holes(sheet.union(ears)).simplify(WITHIN_MM)), holes
+
+
+def _rings_of(sheet: Polygon) -> tuple[Array, tuple[Array, ...]]:
+    """Return a sheet's outline, anticlockwise, and its openings, clockwise, without the closing corners."""
+    import shapely
+
+    turned = shapely.geometry.polygon.orient(sheet, 1.0)
+    outline, *openings = (np.array(r.coords)[:-1] for r in (turned.exterior, *turned.interiors))
+    return outline, tuple(openings)
+
+
+def _find_dark(shadow: Geometry, camera: Camera, settings: Mount, target: Mask | None) -> Geometry:
+    """Find where strips stay in the dark of knots and picture, by their face as by their back."""
+    import shapely
+
+    if target is not None:
+        at = camera.corner - camera.middle
+        right, up = camera.wall_axes[:2]
+
+        def to_wall(pixels: Array) -> Array:
+            places = at + pixels[:, :1] * camera.du + pixels[:, 1:] * camera.dv
+            return np.column_stack([places @ right, places @ up])
+
+        shadow = shadow.union(shapely.transform(trace_polygon(target), to_wall).buffer(0))
+    lamp = camera.wall_axes @ (camera.eye - camera.middle)
+    nearer = 1.0 - settings.before_wall_mm / float(lamp[2])
+    origin = (float(lamp[0]), float(lamp[1]))
+    return shadow.intersection(shapely.affinity.scale(shadow, nearer, nearer, origin=origin))
+
+
+def _print_feet(tubes: list[Mesh], to_wall: Array) -> Geometry:
+    """Draw what the tubes cover of a plate's face, and a rim about it."""
+    import shapely
+
+    rings = []
+    for tube in tubes:
+        below = as_manifold(tube).transform(to_wall).trim_by_plane((0.0, 0.0, -1.0), 0.0)
+        rings += [shapely.Polygon(ring) for ring in below.project().to_polygons()]
+    return shapely.union_all(rings).buffer(PRINT_MM)
 
 
 def _cast_tubes(knots: Knots, camera: Camera, to_wall: Array) -> Geometry:
@@ -203,10 +301,8 @@ def _find_holes(sheet: Polygon, wide_mm: float) -> tuple[Array, Geometry]:
     return holes, shapely.union_all([shapely.LineString(pair).buffer(wide) for pair in ends])
 
 
-def _measure_sag(
-    knots: Knots, feet: list[_Foot], camera: Camera, stiffness: Stiffness
-) -> NDArray[np.float64]:
-    """Compute how far each vertex moves where those over each foot are held, (N, 3).
+def _hold_feet(knots: Knots, feet: list[_Foot], camera: Camera) -> tuple[Sites, Candidates]:
+    """Hold the vertices over each foot: their sites, and short members to the wall.
 
     A foot that lies in the plate is held at both ends, where it is half as deep as at its lowest.
     """
@@ -233,4 +329,33 @@ def _measure_sag(
     end = start - knots.radius_mm * wall[2]
     radius = np.full(len(first), knots.radius_mm)
     ground = np.full(len(first), GROUND)
-    return sag_moves(knots, sites, Candidates(first, ground, start, end, radius), stiffness)
+    return sites, Candidates(first, ground, start, end, radius)
+
+
+def _hold_by_pads(
+    roots: Roots, feet: int, camera: Camera, settings: Mount, beams: Beams, ends: Indices
+) -> tuple[Beams, Mask]:
+    """Stand a frame's ends, that would be rigid, on strips that are held at their pads alone.
+
+    Also return which unknowns are held, (6 n,). A strip is as stiff about every axis as it is to bend off
+    the wall.
+    """
+    wall, thick, n = camera.wall_axes, settings.thickness_mm, len(beams.joints)
+    flat = (beams.joints[ends] - camera.middle) @ wall[:2].T
+    away = np.linalg.norm(flat[:, None] - roots.points[:feet], axis=2)
+    stout = round_beams(
+        np.concatenate([beams.joints, camera.middle + roots.points @ wall[:2]]),
+        np.concatenate([np.column_stack([ends, n + away.argmin(axis=1)]), n + roots.ends]),
+        np.full(len(ends) + len(roots.ends), float(thick)),
+    )
+    strip = slice(len(ends), None)
+    stout.area[strip] = roots.widths * thick
+    stout.inertia[strip] = roots.widths * thick**3 / 12
+    stout.twist[strip] = roots.widths * thick**3 / 3
+    joined = (
+        np.concatenate([getattr(beams, name), getattr(stout, name)])
+        for name in ("ends", "area", "inertia", "twist")
+    )
+    held = np.zeros((len(stout.joints), 6), dtype=bool)
+    held[n + feet : n + feet + len(roots.holes)] = True
+    return Beams(stout.joints, *joined), held.ravel()

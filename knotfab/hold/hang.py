@@ -18,7 +18,15 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh
-from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, sag_moves, springs_of, worst_of
+from knotfab.hold.beams import (
+    HeldFrame,
+    Stiffness,
+    hold_by_threads,
+    piece_frame,
+    sag_moves,
+    springs_of,
+    worst_of,
+)
 from knotfab.hold.eyelet import (
     UP,
     Eyelet,
@@ -221,8 +229,9 @@ class _Hanger:
                 continue  # planned again, about the centre of mass that came out
             members = join_members([struts, *posts])
             middle = _centre_of_mass(masses_of(knots, members), *(r.masses for r in rings))
-            threads, pinned = np.array([ring.thread for ring in rings]), len(rings) > 1
-            moves = sag_moves(knots, sites, members, self.stiffness, FINE_RADII, pinned=pinned)
+            threads = np.array([ring.thread for ring in rings])
+            hold = hold_by_threads if len(rings) > 1 else None
+            moves = sag_moves(knots, sites, members, self.stiffness, FINE_RADII, hold)
             moves = let_swing(knots.points, moves, threads)
             sag, at = worst_of(moves, knots.points)
             held = np.concatenate([self.holds, sites.knot[members.first[number:]]])

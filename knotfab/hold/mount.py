@@ -20,7 +20,7 @@ from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.require import require_mount
-from knotfab_formats.print_figures import MountFigures, PlateFigures
+from knotfab_formats.print_figures import MountFigures, PlateFigures, RootsFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_most
@@ -81,7 +81,8 @@ def mount_piece(
         name = "piece with its eyelets" if second else "piece with its eyelet"
         return Mounted(bodies, [name], scene, None, hang)
     if asked.on_feet:
-        found = plan_foot_plate(knots, tubes, cameras[0], stiffness, asked)
+        target = targets[0] if targets else None
+        found = plan_foot_plate(knots, tubes, cameras[0], stiffness, asked, target)
         mount = WallMount(pegs=(), settings=asked, **vars(found))
         count = found.plate.handles
     else:
@@ -239,13 +240,16 @@ class Mounted:
         scale = float(np.cbrt(np.linalg.det(turn)))
         plate, view = self.wall.plate, self.scene.views[0]
         middle = camera_of(view, 1, 1).middle
+        middle = middle + self.wall.settings.before_wall_mm * self.upright[2]
 
         def on_wall(flat: Array) -> list[list[float]]:
             found = (middle + flat @ self.upright[:2]) @ turn.T + shift  # type: ignore[index]
             return [[float(x) for x in row] for row in found]
 
+        rings = [on_wall(ring) for ring in (plate.outline, *plate.openings)]
         return {
-            "outline": on_wall(plate.outline),
+            "outline": rings[0],
+            **({"openings": rings[1:]} if rings[1:] else {}),
             "holes": on_wall(plate.holes),
             "hole_mm": scale * self.wall.settings.hole_diameter_mm,
             "thickness_mm": scale * self.wall.settings.thickness_mm,
@@ -254,22 +258,45 @@ class Mounted:
 
     def plate_figures(self, shrinks_to: float) -> PlateFigures | None:
         """Report the plate in which the piece stands; it is printed larger, by what the material shrinks."""
-        if self.wall is None or self.wall.plate is None:
+        if self.wall is None or self.wall.plate is None or self.wall.settings.before_wall_mm:
             return None
-        import shapely
-
         outline, mount = self.wall.plate.outline, self.wall.settings
         printer, material = self.scene.printer, self.scene.material
         high = mount.thickness_mm / shrinks_to
         layers = int(np.ceil(high / printer.layer_height_mm - 1e-6))
-        area = shapely.Polygon(outline).area - np.pi / 2 * mount.hole_diameter_mm**2
         return PlateFigures(
             thickness_mm=mount.thickness_mm,
             change_at_mm=round(layers * printer.layer_height_mm, 4),
             change_layer=layers + 1,
-            mass_g=float(area * mount.thickness_mm * 1e-3 * material.density_g_cm3),
+            mass_g=float(self._plate_mm2 * mount.thickness_mm * 1e-3 * material.density_g_cm3),
             outline=tuple((round(float(x), 2), round(float(y), 2)) for x, y in outline),
         )
+
+    @property
+    def roots_figures(self) -> RootsFigures | None:
+        """Report the roots in which the piece stands."""
+        if self.wall is None or self.wall.plate is None or not self.wall.settings.before_wall_mm:
+            return None
+        plate, mount = self.wall.plate, self.wall.settings
+        grams = self._plate_mm2 * mount.thickness_mm * 1e-3 * self.scene.material.density_g_cm3
+        return RootsFigures(
+            width_mm=plate.width_mm,
+            thickness_mm=mount.thickness_mm,
+            screws=tuple((round(x, 2), round(y, 2)) for x, y in plate.holes.tolist()),
+            tape="along" if plate.taped else "pads",
+            area_cm2=round(self._plate_mm2 / 100, 1),
+            mass_g=round(grams, 2),
+        )
+
+    @property
+    def _plate_mm2(self) -> float:
+        """The area of the plate in which the piece stands, without its holes."""
+        import shapely
+
+        assert self.wall is not None and self.wall.plate is not None
+        plate, wide = self.wall.plate, self.wall.settings.hole_diameter_mm
+        sheet = shapely.Polygon(plate.outline, plate.openings)
+        return float(sheet.area - len(plate.holes) * np.pi / 4 * wide**2)
 
     @property
     def must_be_upright(self) -> bool:
@@ -288,6 +315,8 @@ class Mounted:
         s, view = self.wall.settings, self.scene.views[0]
         off = view.wall_distance_mm * float(np.cos(np.deg2rad(view.wall_tilt_deg)))
         if self.wall.plate is not None:
+            if s.before_wall_mm:
+                return 0.0, 0.0, off
             beyond = 2 * s.plate_margin_mm if s.plate == "outline" else 0.0
             return beyond + ears_mm(s), beyond, off + s.thickness_mm
         if s.foot == "plate":

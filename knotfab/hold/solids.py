@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class Fixture:
 
     kind: str
     of: Callable[..., Mesh]
-    sizes: tuple[float, ...]
+    sizes: tuple[Any, ...]
     motion: Array
     named: Mapping[str, float] = field(default_factory=dict)
     above: tuple[Array, float] | None = None

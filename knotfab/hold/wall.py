@@ -287,8 +287,10 @@ def wall_bodies(tubes: list[Mesh], mount: WallMount, camera: Camera) -> list[Mes
     if mount.settings.foot != "plate":
         return [fuse(one, 1, name, f"knot {k} of {count}") for k, one in enumerate(groups)]
     # a handle for each knot, closed loop of members, and hole
-    handles = 0 if mount.plate is None else sum(mount.plate.handles)
-    genus = handles + len(mount.pegs) + len(mount.struts) + 2
+    if (plate := mount.plate) is None:
+        genus = len(mount.pegs) + len(mount.struts) + 2
+    else:
+        genus = sum(plate.handles) + len(plate.holes) + len(plate.openings)
     return [fuse([solid for one in groups for solid in one] + own[-1], genus, name)]
 
 

@@ -59,7 +59,7 @@ def write_profile(folder: Path, scene: ResolvedScene) -> None:
 
 def _tell_change(scene: ResolvedScene) -> str:
     """Write comments that offer a change of filament above the plate in which a piece stands."""
-    if not scene.mount.on_feet:
+    if not scene.mount.on_feet or scene.mount.before_wall_mm:
         return ""
     layers = layers_of_plate(scene.printer, scene.material, scene.mount)
     return (

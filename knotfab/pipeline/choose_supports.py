@@ -32,6 +32,8 @@ def choose_supports(
     refusal = why_supported(scene) or why_too_large(scene, targets)
     if refusal is None:
         alone = stand_alone(scene, scene.count_knots(targets[0].pieces))
+        if alone.mount.plate == "roots" != scene.mount.plate and not _suit_roots(scene, targets):
+            alone = alone.but(mount=alone.mount.but(plate="rounded"))
         return alone, supported if asked == "auto" else None, ""
     if asked == "none":
         raise InputError("a piece without supports (--supports none)", *refusal)
@@ -43,6 +45,15 @@ def list_supports(request: Request) -> Iterator[Request]:
     yield request
     if request.otherwise is not None:
         yield replace(request, scene=request.otherwise, otherwise=None)
+
+
+def _suit_roots(scene: ResolvedScene, targets: Sequence[Target]) -> bool:
+    """Return whether roots suit all of the pictures, as far as these tell."""
+    # imported only now, so that what is refused loads nothing heavy
+    from knotfab.hold.roots import suits_roots
+
+    view = scene.views[0]
+    return all(suits_roots(t.mask, 1 / frame_view(view, t).px_per_mm(t.width)) for t in targets)
 
 
 def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, str] | None:

@@ -87,6 +87,7 @@ def report_piece(
             print_of(made, part.bodies, views),
             mount=mounted.figures,
             plate=_plate_of(piece) if printing else None,
+            roots=mounted.roots_figures,
             drawings=tuple(drawings),
             setup=tell_setup(mounted, cameras, made.knots.radius_mm),
             turning=turning,

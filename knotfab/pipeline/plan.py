@@ -13,7 +13,9 @@ from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget
 from knotfab.design.design import Design, plan_searches
 from knotfab.geometry.tube import join_meshes
+from knotfab.hold.foot_plate import on_rounded
 from knotfab.hold.modeller import rest_modeller
+from knotfab.hold.roots import NoWayError
 from knotfab.hold.wall import NotHeldError
 from knotfab.part.assemble import Part, part_of
 from knotfab.part.orient import Flattening
@@ -159,7 +161,7 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
     asked, design = with_mount(request, made, "none")
     told = "; ".join(refused) or "none is known for this scene"
     if made.scene.piece.supports == "none":
-        told = "members between strands need supports; --plate outline needs none"
+        told = "members between strands need supports; --plate roots needs none"
     return (yield from _plan_held(shop, asked, design, why, f"No holder was found: {told}."))
 
 
@@ -269,7 +271,8 @@ def plan_places(
     Too much support calls for less depth; pegs that do not hold, for a nearer wall and then less depth, too.
     Nothing is searched again against the scene's own depth or wall, a free view, given start knots or a
     time budget: the returned Flattening is then only a proposal. If no search is better, the earlier design
-    is kept. Several pictures settle depth and wall by themselves.
+    is kept. Several pictures settle depth and wall by themselves. Feet that no roots can join
+    stand in a rounded plate.
 
     Raises:
         SceneError: no part can be made.
@@ -299,6 +302,10 @@ def plan_places(
                 unheld = unheld or why
             elif now is made:
                 raise
+        except NoWayError as error:
+            now = made = replace(made, scene=on_rounded(made.scene))
+            why = error.why
+            continue
         except SceneError:
             if now is made:
                 raise

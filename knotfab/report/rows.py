@@ -10,8 +10,8 @@ from knotfab.report.summary import tell_share, told_iou
 from knotfab_formats.report import Report, Row
 from knotfab_formats.verdict import list_unmet
 
-# z of `recognition` from which a picture may be guessed, and is read, from the side
-_GUESSED, _PLAIN = 2.0, 3.0
+# shares told from which a picture may be guessed, and is read, by whoever sees the piece unlit
+_GUESSED, _READ = 0.25, 0.5
 _PRESSING = ("fail", "warn", "do", "info")
 
 
@@ -94,22 +94,28 @@ def _list_likeness(report: Report) -> Iterator[Row]:
 
 
 def _list_aside(report: Report) -> Iterator[Row]:
-    """Say how well the picture is read by who looks at the piece itself, 45 degrees aside."""
-    named = [(view.recognition or {}).get("45") for view in report.views]
-    seen = [one.z for one in named if one is not None]
-    if not seen or report.print.parts is not None:
+    """Say how much of the picture whoever sees the piece unlit reads, and from where most."""
+    told = [view.told for view in report.views if view.told is not None]
+    if not told or report.print.parts is not None:
         return
-    z, mount = max(seen), report.print.mount
-    word = "is not read" if z < _GUESSED else "may be guessed" if z < _PLAIN else "is read"
+    found = max(told, key=lambda one: one.worst.share)
+    share, mount = found.worst.share, report.print.mount
+    word = "is not read" if share < _GUESSED else "may be guessed" if share < _READ else "is read"
+    way = f"{abs(found.worst.azimuth):.0f}° aside"
+    if found.worst.elevation:
+        way = (
+            f"{abs(found.worst.elevation):.0f}° {'above' if found.worst.elevation > 0 else 'below'}"
+        )
+    of = "" if found.of == "whole" else f" in its {found.of}"
     board = mount is not None and mount.plate == "outline"
-    remedy = "--plate full" if board and z >= _GUESSED else ""
+    remedy = "--plate rounded" if board and share >= _GUESSED else ""
     yield Row(
         name="aside",
-        value=z,
+        value=share,
         limit=_GUESSED,
-        where="45°",
+        where=way,
         remedy=remedy,
-        text=f"from 45° aside its picture {word} (z {z:.1f})"
+        text=f"unlit, its picture {word} from {way}{of} (told {share:.2f}; from the door {found.door:.2f})"
         + (f"; {remedy} hides its outline" if remedy else ""),
     )
 
@@ -160,7 +166,8 @@ def _list_printing(report: Report) -> Iterator[Row]:
     if (plate := piece.plate) is not None:
         said += f"; change the filament before layer {plate.change_layer} for a light screen"
     if (bars := piece.bars) is not None:
-        said += f"; break its {bars.count} bars off, up to {bars.longest_mm:.1f} mm long"
+        said += f"; its {bars.count} threads, up to {bars.longest_mm:.1f} mm long, lie in the shadow, and "
+        said += "whoever likes takes them off"
     other = supports.other
     if other is not None and supports.asked == "slicer":
         said += f"; --supports none would take about {other.grams:.0f} g and {other.hours:.1f} h"

@@ -341,7 +341,7 @@ def _front_dimensions(axes: Axes, place: Placement, to: Scaled, bottom: float) -
     axes.plot(*foot, "+", ms=8, color=LIGHT, mew=0.5)
     note(axes, foot + (1.8, 1.2), "opposite the lamp", size=6, color="#8a6500")
     y = down - 5.5
-    if place.outline is not None or place.plate_mm is not None:
+    if len(place.holes) and (place.outline is not None or place.plate_mm is not None):
         a, b = to(place.holes)
         apart = length(float(np.ptp(place.holes[:, 0])))
         draw_dimension(axes, (a[0], y), (b[0], y), (0, 0), f"screw holes {apart}")

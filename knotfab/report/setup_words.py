@@ -14,6 +14,7 @@ from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement
 from knotfab.hold.wall import mark_depth_mm
 from knotfab.render.pages import length
+from knotfab_formats.print_figures import RootsFigures
 from knotfab_formats.verdict import Misplacement
 from knotfab_formats.views import View
 
@@ -39,6 +40,22 @@ def _tell_offset(right: float, up: float, from_: str) -> str:
     return f"{' and '.join(said)} {from_}" if said else from_
 
 
+def _roots_steps(roots: RootsFigures, hole_mm: float, holes: Array) -> list[str]:
+    """Say how the strips in which a piece stands are fixed to the wall."""
+    tape = f"double-sided tape along the backs of its strips ({roots.area_cm2:.0f} cm²)"
+    if not len(holes):
+        return [f"Press the piece to the wall, the way up that is drawn, with {tape}."]
+    right, up = (-holes.mean(axis=0)).tolist()
+    if roots.tape == "pads":
+        tape = "double-sided tape behind its two pads"
+    return [
+        f"Drive two nails or screws with heads narrower than {length(hole_mm)} mm into the wall, "
+        f"{length(float(np.ptp(holes[:, 0])))} mm apart on a level line; the middle of the frame is "
+        f"{_tell_offset(right, up, 'half-way between them')}.",
+        f"Hang the piece on them by the holes in its pads, and press it to the wall with {tape}.",
+    ]
+
+
 def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     """List the steps by which a person sets a view up, one or two sentences each."""
     lamp = "lamp" if view.kind == "shadow" else "eye"
@@ -46,6 +63,11 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     opposite = _tell_offset(place.right_mm, place.up_mm, "the middle of the frame")
     if place.base is not None:
         steps = _desk_steps(place, view, lamp)
+    elif (roots := mounted.roots_figures) is not None:
+        steps = _roots_steps(roots, mounted.scene.mount.hole_diameter_mm, place.holes)
+        steps.append(
+            f"Put the middle of the {lamp} {off} the wall, square to it, opposite {opposite}."
+        )
     elif place.outline is not None and mounted.wall is not None:
         s, across = mounted.wall.settings, float(np.ptp(place.holes[:, 0]))
         right, up = (-place.holes.mean(axis=0)).tolist()

@@ -13,7 +13,7 @@ from knotfab.base.disk import at_home, read_text
 from knotfab.scene.camera import view_axes
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import parse_knot_name
-from knotfab_formats.piece import Region
+from knotfab_formats.piece import ON_FEET, Region
 from knotfab_formats.read import parse_toml, scene_of
 from knotfab_formats.scene import ResolvedScene, Scene
 from knotfab_formats.views import View
@@ -120,7 +120,7 @@ def _faults_of_region(scene: Scene) -> Iterator[tuple[str, str]]:
 def _faults_of_plate(scene: Scene) -> Iterator[tuple[str, str]]:
     """Yield each setting that conflicts with a plate in which the piece stands, with its remedy."""
     mount, view = scene.mount, scene.views[0]
-    if mount.plate == "pegs":
+    if mount.plate not in ON_FEET:
         return
     asked = f'plate = "{mount.plate}" (--plate {mount.plate})'
     if not mount.on_feet:

@@ -87,27 +87,29 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
             "fixes their height",
             "Leave it out, or give one picture",
         )
-    if scene.mount.asked and not scene.mount.on_feet:
+    if (scene.mount.asked or scene.mount.plate == "pegs") and not scene.mount.on_feet:
         held = {"wall": "pegs hold", "stand": "a stand holds"}.get(
             scene.mount.kind, "an eyelet holds"
         )
         return (
             f"{held} it off the bed, and its strands would begin in mid-air",
-            "Use --plate outline, in which it stands by its own feet, or --mount none",
+            "Use --plate roots or rounded, in which it stands by its own feet, or --mount none",
         )
     return None
 
 
 def stand_alone(scene: ResolvedScene, knots: int) -> ResolvedScene:
-    """Return the scene of a piece that prints without supports: on a flat wall it stands in a plate.
+    """Return the scene of a piece that prints without supports: on a flat wall it stands in roots.
 
     If the scene gives the wall's distance, only several loose knots do.
     """
     mount, view = scene.mount, scene.views[0]
     near = scene.is_one_shadow and "wall_distance_mm" not in view.model_fields_set
     plain = not view.wall_tilt_deg and mount.foot != "dowel"
-    if plain and not mount.on_feet and scene.hangs(max(knots, 2) if near else knots):
-        mount = mount.but(plate="outline")
+    if plain and mount.plate == "auto" and scene.hangs(max(knots, 2) if near else knots):
+        mount = mount.but(plate="roots")
+    elif mount.plate == "none":
+        mount = mount.but(kind="none")
     return scene.but(piece=scene.piece.but(supports="none"), mount=mount)
 
 

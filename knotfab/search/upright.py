@@ -10,7 +10,7 @@ from knotfab.base.arrays import Array
 from knotfab.limits.terms import Felt, State
 from knotfab.search.objective import Term, Weights
 
-FLANK_DEG = 50.0  # angle from the bed below which edges cost
+FLANK_DEG = 48.0  # angle from the bed below which edges cost
 _FLAT = 3.0  # cost of a level edge one tube radius long, over 0.6
 _VALLEY = 1.0  # cost of a valley one tube radius above the floor
 _PEAK = 0.3  # cost of a vertex one tube radius above the top

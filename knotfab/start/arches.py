@@ -15,7 +15,7 @@ from knotfab_formats.upright import LEAST_TIP_DEG
 
 # least and most angle of a flank from the bed, and the lowest peak over the highest: lower ones make the
 # picture plainer from the side
-_FLANKS_DEG = 49.0, 54.0
+_FLANKS_DEG = 46.0, 51.0
 _LOWEST_PEAK = 0.85
 _FEET = 3  # fewest feet on which a curve stands
 _ROUNDED_RADII = 2.1  # width of what rounds a peak and a valley, in tube radii

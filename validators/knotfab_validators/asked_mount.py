@@ -37,7 +37,7 @@ def asked_of_mount(scene: Scene) -> Asked | str:
             ends = [seen.middle + a * seen.du + b * seen.dv for a in (-1, 1) for b in (-1, 1)]
             frame = np.array(ends) @ back[:3, :3].T + back[:3, 3]
         size = mount.hole_diameter_mm, mount.thickness_mm
-        return Asked(on_feet=True, frame=frame, plate_mm=size)
+        return Asked(on_feet=True, frame=frame, plate_mm=size, taped=mount.plate == "roots")
     if mount.kind == "stand":
         return Asked(mount.pegs, hulls=("base", THINNEST * mount.base_thickness_mm))
     if mount.kind == "wall" and mount.foot == "dowel":

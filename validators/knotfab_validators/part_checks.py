@@ -249,6 +249,8 @@ def _predict_topology(
     if mount.kind == "wall" and mount.foot == "dowel":
         return len(curves.polygons), [1] * len(curves.polygons)
     holes = {"wall": PLATE_HOLES, "hang": 1}.get(mount.kind, 0)  # a second eyelet is a body more
+    if (plate := curves.plate) is not None:
+        holes = len(plate.holes) + len(plate.openings)
     return 1, [(sum(mount.pegs) or len(curves.members)) + holes]
 
 

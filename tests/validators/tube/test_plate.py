@@ -21,7 +21,7 @@ HOLES = np.array([[-20.0, 0, 0], [20.0, 0, 0]])
 FEET = 4
 
 
-ON_FEET = Asked(on_feet=True)
+ON_FEET = Asked(on_feet=True, plate_mm=(4.0, THICK))
 
 
 def crown(feet: int = FEET) -> Array:
@@ -66,11 +66,30 @@ def test_an_honest_plate_passes_wherever_it_lies() -> None:
     plate = Slab(CORNERS @ turn.T + shift, HOLES @ turn.T + shift, 4.0, THICK, turn[:, 2])
     curves = replace(CURVES, polygons=(crown() @ turn.T + shift,), plate=plate)
     assert check_mount(as_mesh(moved), curves, ON_FEET).status == "pass"
-    grown = as_mesh(honest())
-    assert (
-        check_mount(Mesh(1.25 * grown.vertices, grown.faces), CURVES.scaled(1.25), ON_FEET).status
-        == "pass"
-    )
+    grown, asked = as_mesh(honest()), replace(ON_FEET, plate_mm=(5.0, 1.25 * THICK))
+    grown = Mesh(1.25 * grown.vertices, grown.faces)
+    assert check_mount(grown, CURVES.scaled(1.25), asked).status == "pass"
+
+
+SLOT = np.array([[-3.0, 19, 0], [3, 19, 0], [3, 23, 0], [-3, 23, 0]])
+
+
+@pytest.mark.parametrize(("listed", "status"), [((SLOT,), "pass"), ((), "fail")])
+def test_an_opening_is_listed(listed: tuple[Array, ...], status: str) -> None:
+    curves = replace(CURVES, plate=replace(PLATE, openings=listed))
+    assert check_mount(as_mesh(honest() - wall(6, 4, 9, y=21)), curves, ON_FEET).status == status
+
+
+@pytest.mark.parametrize(
+    ("taped", "holes", "status"), [(True, 0, "pass"), (False, 0, "fail"), (True, 1, "fail")]
+)
+def test_only_a_taped_plate_does_without_holes(taped: bool, holes: int, status: str) -> None:
+    solid = Manifold.cube((SIDE, SIDE, THICK)).translate((-SIDE / 2, -SIDE / 2, -THICK))
+    for hole in HOLES[:holes]:
+        solid -= Manifold.cylinder(9.0, 2.0, 2.0, 64, True).translate(hole)
+    curves = replace(CURVES, plate=replace(PLATE, holes=HOLES[:holes]))
+    mesh = as_mesh(solid + as_manifold(tube(crown(), RADIUS, 24)))
+    assert check_mount(mesh, curves, replace(ON_FEET, taped=taped)).status == status
 
 
 @pytest.mark.parametrize(

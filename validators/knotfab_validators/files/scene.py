@@ -292,8 +292,9 @@ def _read_slab(said: Any, where: str) -> Slab:
     outline, out = np.array(said.outline), np.array(said.out)
     if abs(float(np.linalg.norm(out)) - 1) > UNIT:
         raise BadFile(f"{where} out must be a vector of length 1")
-    height = outline @ out
+    openings = tuple(np.array(opening) for opening in said.openings)
+    height = np.concatenate([outline, *openings]) @ out
     if np.ptp(height) > UNIT * max(1.0, float(np.abs(outline).max())):
         raise BadFile(f"{where} outline must lie in one plane, square to out")
     holes = np.array(said.holes).reshape(-1, 3)
-    return Slab(outline, holes, said.hole_mm, said.thickness_mm, out)
+    return Slab(outline, holes, said.hole_mm, said.thickness_mm, out, openings)

@@ -44,7 +44,7 @@ class Slab:
     """A flat plate in which the piece stands.
 
     Holds the corners of its face (n, 3) and the centres of its through holes (k, 3), mm, which are `hole_mm`
-    wide; `out` (3,) is the unit normal of the face.
+    wide; `out` (3,) is the unit normal of the face. `openings` [(m, 3), ...] go through it, too.
     """
 
     outline: Array
@@ -52,11 +52,13 @@ class Slab:
     hole_mm: float
     thickness_mm: float
     out: Array
+    openings: tuple[Array, ...] = ()
 
     def scaled(self, share: float) -> Slab:
         """Scale every length of the plate by `share`."""
         hole, thick = share * self.hole_mm, share * self.thickness_mm
-        return Slab(share * self.outline, share * self.holes, hole, thick, self.out)
+        openings = tuple(share * opening for opening in self.openings)
+        return Slab(share * self.outline, share * self.holes, hole, thick, self.out, openings)
 
 
 @dataclass(frozen=True)

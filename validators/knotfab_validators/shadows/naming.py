@@ -100,13 +100,15 @@ def shrink_to_box(mask: Mask) -> Array | None:
 
 
 @compiled
-def fit_picture(picture: Array, look: Array) -> float:
+def fit_picture(
+    picture: Array, look: Array, tries: int = TRIES, seed: int = 0x9E3779B97F4A7C15
+) -> float:
     """Return the largest IoU of two pictures (n, n) under a nearly identical affine map."""
     map_ = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    best, scale = _overlap(picture, look, map_), 1.0
-    state = np.uint64(0x9E3779B97F4A7C15)
+    best, scale, shift = _overlap(picture, look, map_), 1.0, len(picture) / 20.0
+    state = np.uint64(seed)
     moved = map_.copy()
-    for _ in range(TRIES):
+    for _ in range(tries):
         for i in range(6):
             # the sum of four uniform numbers is nearly normal
             total = 0.0
@@ -115,7 +117,7 @@ def fit_picture(picture: Array, look: Array) -> float:
                 state ^= state >> np.uint64(7)
                 state ^= state << np.uint64(17)
                 total += np.float64(state >> np.uint64(11)) / 9007199254740992.0
-            moved[i] = map_[i] + scale * (2.0 if i % 3 == 2 else 0.12) * (total - 2.0) * 1.7320508
+            moved[i] = map_[i] + scale * (shift if i % 3 == 2 else 0.12) * (total - 2.0) * 1.7320508
         if abs(moved[0] * moved[4] - moved[1] * moved[3]) < 0.35:
             continue
         value = _overlap(picture, look, moved)

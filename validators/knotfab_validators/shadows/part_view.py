@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from knotfab_formats.piece import Piece
-from knotfab_formats.verdict import Layers, Misplacement, Recognition
+from knotfab_formats.verdict import Layers, Misplacement, Recognition, Told
 from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import time_stage
@@ -32,10 +32,12 @@ from knotfab_validators.shadows.misplacement import (
 )
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.render import SilhouetteRenderer
+from knotfab_validators.shadows.told import tell
 from knotfab_validators.shadows.topology import label_regions
 from knotfab_validators.shadows.verdict_rules import judge_bending
 from knotfab_validators.shadows.verify_view import VerifiedView, verify_view
 from knotfab_validators.shadows.view import ViewGeometry, view_geometry
+from knotfab_validators.tube.solid_matter import inside_plate, tube_vertices
 
 if TYPE_CHECKING:
     from knotfab_formats.views import View
@@ -239,6 +241,7 @@ def tell_view(part: PosedPart, seen: ViewShadow) -> ViewFound:
         outline_stretch_off_px=found.wrong.off_px,
         legibility=found.legibility,
         recognition=found.recognition,
+        told=_tell(part, seen),
         depth_ratio=depth_ratio(part.points, geometry),
         lamp_colour=view.lamp_colour if part.scene.share_wall else None,
         iou_drawn=seen.iou_drawn,
@@ -248,6 +251,22 @@ def tell_view(part: PosedPart, seen: ViewShadow) -> ViewFound:
         penumbra=None if seen.soft is None else seen.soft.found,
         layers=_measure_layers(part, seen),
     )
+
+
+def _tell(part: PosedPart, seen: ViewShadow) -> Told | None:
+    """Measure how much of the picture knots, holder and the whole tell, unlit."""
+    faces, curves, geometry = part.mesh.faces, part.curves, seen.geometry
+    parts = {"whole": faces}
+    if curves is not None and curves.radius_mm and part.scene.mount.kind != "none":
+        if curves.plate is not None:
+            held = inside_plate(part.mesh.vertices, curves.plate)
+        else:
+            held = ~tube_vertices(part.mesh.vertices, faces, curves.polygons, curves.radius_mm)
+        own = held[faces].all(axis=1)
+        parts |= {"knots": faces[~own], "holder": faces[own]}
+    with time_stage(part.seconds, "told"):
+        axes = np.stack([geometry.right, geometry.up, np.cross(geometry.right, geometry.up)])
+        return tell(part.vertices, parts, axes, seen.target)
 
 
 def _misplace(part: PosedPart, seen: ViewShadow) -> Misplacement | None:

@@ -47,7 +47,7 @@ class Asked:
     "base", and how thick each must be below every foot at least. `threads`: where eyelets carry
     the piece, (1 or 2, 3). `on_feet`: whether it stands in a plate by its own valleys; `frame` (n, 3):
     corners over which that plate must extend. `holes`: the screw holes of a wall plate; of one in which it
-    stands, `plate_mm` are the holes' width and the thickness.
+    stands, `plate_mm` are the holes' width and the thickness, and one that is `taped` may have none.
     """
 
     pegs: tuple[int, ...] = ()
@@ -58,6 +58,7 @@ class Asked:
     frame: Array = field(default_factory=lambda: np.empty((0, 3)))
     holes: tuple[Hole, ...] = ()
     plate_mm: tuple[float, float] = (0.0, 0.0)
+    taped: bool = False
 
 
 NOTHING_ASKED = Asked()
@@ -293,7 +294,8 @@ def _radius_at(member: Member, along: Array) -> Array:
 def _find_other_plate(plate: Slab, asked: Asked) -> str:
     """Say how a plate of knots.json differs from the scene's; empty if it does not."""
     wide, thick = asked.plate_mm
-    if len(plate.holes) != PLATE_HOLES or plate.hole_mm < wide - FACET_MM:
+    few = PLATE_HOLES if len(plate.holes) or not asked.taped else 0
+    if len(plate.holes) != few or plate.hole_mm < wide - FACET_MM:
         return (
             f"knots.json lists {len(plate.holes)} holes of {plate.hole_mm:.3g} mm in the plate, and by "
             f"the scene there are {PLATE_HOLES} of {wide:.3g} mm"

@@ -211,7 +211,7 @@ def check_plate(mesh: Mesh, plate: Slab, reach: Array) -> Check:
     turn = _axes(plate.out)
     flat = plate.outline @ turn.T
     solid = _shape(plate, turn)
-    sheet = shapely.Polygon(flat[:, :2]).buffer(PROUD_MM)
+    sheet = _sheet(plate, turn).buffer(PROUD_MM)
     beside = ~shapely.contains_xy(sheet, (reach @ turn.T)[:, 0], (reach @ turn.T)[:, 1])
     if beside.any():
         detail = (
@@ -249,7 +249,7 @@ def inside_plate(points: Array, plate: Slab) -> Mask:
     turn = _axes(plate.out)
     local = points @ turn.T
     height = local[:, 2] - float(plate.outline[0] @ plate.out)
-    solid = shapely.Polygon((plate.outline @ turn.T)[:, :2]).buffer(PROUD_MM)
+    solid = _sheet(plate, turn).buffer(PROUD_MM)
     within = (height < PROUD_MM) & (height > -plate.thickness_mm - PROUD_MM)
     within &= shapely.contains_xy(solid, local[:, 0], local[:, 1])
     return np.asarray(within)
@@ -268,9 +268,15 @@ def _axes(out: Array) -> Array:
     return np.stack([side, np.cross(out, side), out])
 
 
+def _sheet(plate: Slab, turn: Array) -> shapely.Polygon:
+    """Return the plate without its screw holes, along its own directions."""
+    outline, *openings = ((ring @ turn.T)[:, :2] for ring in (plate.outline, *plate.openings))
+    return shapely.Polygon(outline, openings)
+
+
 def _shape(plate: Slab, turn: Array) -> shapely.Geometry:
     holes = (plate.holes @ turn.T)[:, :2]
-    solid = shapely.Polygon((plate.outline @ turn.T)[:, :2])
+    solid = _sheet(plate, turn)
     for hole in holes:
         solid = solid.difference(shapely.Point(hole).buffer(plate.hole_mm / 2, quad_segs=64))
     return solid

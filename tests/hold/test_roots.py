@@ -1,0 +1,92 @@
+"""Roots: strips that join all feet in the dark of a shadow, or say that none leads there."""
+
+import numpy as np
+import pytest
+import shapely
+from numpy.typing import NDArray
+from shapely import Geometry
+
+from knotfab.hold.roots import CORE_MM, NoWayError, lay_roots, suits_roots
+
+HOLE_MM, WIDE_MM, MOST_MM2 = 4.0, 7.0, 10.0
+DISC = shapely.Point(0, 0).buffer(40)
+STROKE = shapely.box(-60, -1.5, 60, 1.5)
+ELL = shapely.box(0, 0, 80, 20).union(shapely.box(0, 0, 20, 80))
+RING = DISC.difference(DISC.buffer(-15))
+HALVES = shapely.box(-50, 0, -0.3, 40).union(shapely.box(0.3, 0, 50, 40))
+APART = shapely.box(-50, 0, -10, 40).union(shapely.box(10, 0, 50, 40))
+
+
+def spread(dark: Geometry, apart: float = 15.0) -> NDArray[np.float64]:
+    """Places all over a shadow."""
+    x0, y0, x1, y1 = dark.bounds
+    grid = np.array([(x, y) for x in np.arange(x0, x1, apart) for y in np.arange(y0, y1, apart)])
+    inside = shapely.contains_xy(dark.buffer(-1), grid[:, 0] + 1.2, grid[:, 1] + 1.2)
+    return grid[inside] + 1.2
+
+
+def covers(feet: NDArray[np.float64]) -> Geometry:
+    return shapely.union_all(shapely.points(feet)).buffer(1.4)
+
+
+@pytest.mark.parametrize("turn", [0, 1, 2, 3])
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize(
+    ("dark", "screws"), [(DISC, 2), (STROKE, 0), (ELL, 2), (RING, 2), (HALVES, 2)]
+)
+def test_one_sheet_in_the_dark_holds_every_foot_and_both_pads(
+    dark: Geometry, screws: int, turn: int, mirrored: bool
+) -> None:
+    dark = shapely.affinity.rotate(dark, 90 * turn, origin=(0, 0))
+    dark = shapely.affinity.scale(dark, -1 if mirrored else 1, 1, origin=(0, 0))
+    feet = spread(dark)
+    found = lay_roots(dark, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2)
+    assert found.sheet.is_valid and found.sheet.buffer(0.1).contains(covers(feet))
+    assert found.sheet.difference(dark.buffer(0.2).union(covers(feet))).area <= MOST_MM2
+    assert len(found.holes) == screws
+    for hole in shapely.points(found.holes):
+        assert found.sheet.contains(hole.buffer(HOLE_MM / 2 + 1))
+        assert hole.distance(covers(feet)) > HOLE_MM / 2
+    if screws:
+        one, other = found.holes
+        assert one[1] == pytest.approx(other[1])  # level
+        across = np.ptp(np.reshape(dark.bounds, (2, 2)), axis=0)
+        assert other[0] - one[0] > 0.25 * np.hypot(*across)
+    assert (found.points[: len(feet)] == feet).all()
+    assert ((found.widths >= 2 * CORE_MM) & (found.widths <= WIDE_MM)).all()
+    # a tree: every point is reached, in one way
+    count = len(found.points)
+    assert len(found.ends) == count - 1
+    joined = shapely.union_all(shapely.linestrings(found.points[found.ends]))
+    assert joined.buffer(1e-6).geom_type == "Polygon"
+
+
+@pytest.mark.parametrize("size", [3.0, 12.0])
+def test_a_single_foot_in_a_dot_is_a_pad(size: float) -> None:
+    dark, foot = shapely.Point(5, 5).buffer(size), np.array([[5.0, 5.0]])
+    found = lay_roots(dark, foot, covers(foot), HOLE_MM, WIDE_MM, MOST_MM2)
+    assert found.sheet.covers(covers(foot).buffer(-0.1))
+    assert found.sheet.area < dark.area
+
+
+def test_feet_that_touch_are_joined_and_no_strip_crosses_the_light() -> None:
+    feet = np.array([[-30.0, 20.0], [-30.2, 20.0], [30.0, 20.0]])
+    found = lay_roots(HALVES, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2)
+    assert found.sheet.contains(shapely.MultiPoint(feet))
+    feet = feet[[0, 2]]
+    with pytest.raises(NoWayError, match="no shadow leads") as refused:
+        lay_roots(APART, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2)
+    assert "--plate rounded" in refused.value.remedy
+
+
+def draw(dark: Geometry) -> NDArray[np.bool_]:
+    x, y = np.meshgrid(np.arange(-70, 90), np.arange(-70, 90))
+    return np.asarray(shapely.contains_xy(dark, x, y))
+
+
+@pytest.mark.parametrize(
+    ("dark", "suits"),
+    [(DISC, True), (STROKE, False), (APART, False), (RING.difference(STROKE), False)],
+)
+def test_roots_that_would_tell_the_picture_do_not_suit_it(dark: Geometry, suits: bool) -> None:
+    assert suits_roots(draw(dark), 1.0) is suits

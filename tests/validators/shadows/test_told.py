@@ -1,0 +1,70 @@
+"""How much of a picture is told: the same for two seeds, 1 for the picture itself, little for a tangle."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmarks.read_aside import WORDS, read_views, tell_apart
+from knotfab.geometry.tube import as_mesh
+from knotfab_validators.shadows import told
+from knotfab_validators.shadows.told import DOOR, SIDES, tell, tell_flat
+
+
+def ell(size: int = 60) -> NDArray[np.bool_]:
+    found = np.zeros((size, size), dtype=bool)
+    found[:, : size // 4] = found[-size // 4 :] = True
+    return found
+
+
+def solid_of(
+    mask: NDArray[np.bool_], thick: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    from manifold3d import CrossSection, Manifold
+
+    high = len(mask)
+    boxes = [
+        CrossSection.square((1, 1)).translate((float(x), float(high - 1 - y)))
+        for y, x in np.argwhere(mask)
+    ]
+    sheet = sum(boxes[1:], boxes[0])
+    vertices, faces = as_mesh(Manifold.extrude(sheet, thick))
+    return vertices, faces
+
+
+def test_a_plate_of_the_picture_tells_it_from_all_sides_but_its_edge() -> None:
+    vertices, faces = solid_of(ell(), 2.0)
+    found = tell(vertices, {"holder": faces, "knots": faces[:0]}, np.eye(3), ell())
+    assert found is not None and found.of == "holder"
+    assert found.worst.share == 1.0 and found.door == 1.0
+    assert (found.worst.azimuth, found.worst.elevation) in SIDES
+
+
+def test_a_box_tells_little_of_an_ell_and_nothing_tells_nothing() -> None:
+    vertices, faces = solid_of(np.ones((60, 60), dtype=bool), 2.0)
+    found = tell(vertices, {"whole": faces}, np.eye(3), ell())
+    assert found is not None and found.worst.share < 0.5 and found.door <= found.worst.share
+    assert tell(vertices, {"whole": faces[:0]}, np.eye(3), ell()) is None
+    assert tell(vertices, {"whole": faces}, np.eye(3), np.zeros((9, 9), dtype=bool)) is None
+    assert len(SIDES) == 12 and set(DOOR) <= set(SIDES)
+
+
+@pytest.mark.parametrize(
+    ("mask", "low", "high"), [(ell(), 1, 1), (np.ones((60, 60), bool), 0, 0.5)]
+)
+def test_a_flat_sheet_tells_what_it_is(mask: NDArray[np.bool_], low: float, high: float) -> None:
+    assert low <= tell_flat(mask, ell()) <= high
+
+
+def test_the_share_follows_what_a_person_named_and_not_the_seed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    views = read_views()
+    shares = []
+    for seeds in (told.SEEDS, (11, 22, 33)):
+        monkeypatch.setattr(told, "SEEDS", seeds)
+        told._foreign.cache_clear()
+        shares.append(np.array([tell_flat(seen, picture) for seen, picture in views]))
+    told._foreign.cache_clear()
+    assert np.corrcoef(*shares)[0, 1] >= 0.9
+    assert tell_apart(shares[0], WORDS == 2) > 0.8
+    assert np.median(shares[0][WORDS == 2]) > 0.5 > shares[0][WORDS == 0].max()

@@ -1,0 +1,180 @@
+"""How much of its picture a piece tells whoever sees it unlit, from twelve sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import numpy as np
+
+from knotfab_formats.verdict import Told, ToldFrom
+from knotfab_validators.arrays import Array, Ints, Mask, compiled
+from knotfab_validators.shadows.naming import SAME, fit_picture, read_foreign
+
+# azimuth and elevation in degrees: to both sides, and from above and below
+SIDES = (
+    *((a * s, 0) for a in (30, 45, 60, 90) for s in (1, -1)),
+    *((0, e) for e in (30, 45, -30, -45)),
+)
+DOOR = (45, 0), (-45, 0)  # where most people come in
+NEARBY_DEG = -6, 0, 6  # directions of which the mean is taken
+SEEDS = 0x1E3779B97F4A7C15, 0x2545F4914F6CDD1D, 0x5851F42D4C957F2D  # of the fits to each
+# With so much more IoU than foreign signs have, any picture is named. Half of it parts what was named from
+# what was called a tangle in 30 of 32 views (benchmarks/read_aside.py); standard deviations of the signs, and
+# shares of what the picture itself gets, follow his words less.
+PLAIN = 0.25
+_TRIES = 100
+_CELLS, _MARGIN, _FINER = (
+    15,
+    2,
+    6,
+)  # a look's box in cells, about it, and how much finer it is drawn
+_NARROW = (
+    2.5  # a look is stretched to the picture's box by this much at most: nobody reads a sliver
+)
+
+
+def tell(vertices: Array, parts: Mapping[str, Ints], axes: Array, target: Mask) -> Told | None:
+    """Measure how much of the picture is told: from the worst side, and from the door.
+
+    Each share is by how much the picture fits silhouettes better than foreign signs do, in IoU, of what is
+    `PLAIN`, or of what the picture itself gets if that is less. The largest of all parts counts.
+
+    Args:
+        vertices: (n, 3). parts: faces (m, 3) of what is seen, by name. axes: rows to the right, up, and out
+            of the wall. target: (H, W), the picture's silhouette.
+    """
+    if not target.any():
+        return None
+    picture, local = _Picture(target), vertices @ axes.T
+    found = list[tuple[float, tuple[int, int], str]]()
+    for name, faces in parts.items():
+        used, place = np.unique(faces, return_inverse=True)
+        own = np.ascontiguousarray(place.reshape(-1, 3), dtype=np.int64)
+        for side in SIDES if len(faces) else ():
+            turned = [local[used] @ _look_from(*_beside(side, by)).T for by in NEARBY_DEG]
+            looks = [_draw_look(points, own, picture.wide) for points in turned]
+            found.append((picture.share(looks), side, name))
+    if not found:
+        return None
+    share, (azimuth, elevation), of = max(found)
+    door = max(share for share, side, _ in found if side in DOOR)
+    return Told(worst=ToldFrom(share, azimuth, elevation), door=door, of=of)
+
+
+def tell_flat(sheet: Mask, target: Mask) -> float:
+    """Measure how much of a picture a flat sheet on the wall tells, seen from the front."""
+    picture = _Picture(target)
+    return picture.share([_shrink(sheet, picture.wide)] * len(SEEDS))
+
+
+class _Picture:
+    """A picture that looks are compared with: what it fits better than foreign signs do."""
+
+    def __init__(self, target: Mask) -> None:
+        self.wide, self.own = _aspect(target), _shrink(target)
+        signs, gains = _foreign()
+        gain = np.array([_fit(self.own, [sign] * len(SEEDS)) for sign in signs])
+        others = gain < SAME
+        others = others if others.any() else ~others
+        self.signs, self.gains, self.usual = signs[others], gains[others], gain[others].mean()
+        self.plain = min(PLAIN, self._stand_out([self.own] * len(SEEDS)))
+
+    def share(self, looks: Sequence[Array]) -> float:
+        """Return how far the picture stands out in looks from nearly one side, of what is plain."""
+        return min(max(self._stand_out(looks) / self.plain, 0.0), 1.0)
+
+    def _stand_out(self, looks: Sequence[Array]) -> float:
+        others = np.array([_fit(sign, looks) for sign in self.signs]) - self.gains
+        return float(_fit(self.own, looks) - self.usual - others.mean())
+
+
+def _beside(side: tuple[int, int], by_deg: int) -> tuple[int, int]:
+    """Turn a direction a little farther to its own side."""
+    azimuth, elevation = side
+    return (azimuth, elevation + by_deg) if elevation else (azimuth + by_deg, 0)
+
+
+def _look_from(azimuth_deg: float, elevation_deg: float) -> Array:
+    """Return the axes of a look from there: to the right, and up, (2, 3)."""
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    right = [np.cos(a), 0.0, -np.sin(a)]
+    up = [-np.sin(e) * np.sin(a), np.cos(e), -np.sin(e) * np.cos(a)]
+    return np.array([right, up])
+
+
+def _aspect(mask: Mask) -> float:
+    """Return the width of a mask's bounding box over its height."""
+    rows, columns = (np.flatnonzero(mask.any(axis=k)) for k in (1, 0))
+    return float((np.ptp(columns) + 1) / (np.ptp(rows) + 1))
+
+
+def _draw_look(points: Array, faces: Ints, wide: float) -> Array:
+    """Draw faces (m, 3) between points (n, 2) on the grid, stretched to a picture's box, `wide` by 1."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y = np.maximum(high - low, 1e-9)
+    window = np.array([max(x, y * wide / _NARROW), max(y, x / wide / _NARROW)])
+    size = _CELLS * _FINER
+    pixels = ((points - 0.5 * (low + high)) / window * [1.0, -1.0] + 0.5) * size
+    return _to_cells(_fill(pixels, faces, size))
+
+
+def _shrink(mask: Mask, wide: float | None = None) -> Array:
+    """Draw a mask on the grid, stretched to its box, or to one `wide` times as wide as high."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    y, x = float(np.ptp(rows) + 1), float(np.ptp(columns) + 1)
+    middle = 0.5 * np.array([rows[0] + rows[-1] + 1, columns[0] + columns[-1] + 1])
+    if wide is not None:
+        x, y = max(x, y * wide / _NARROW), max(y, x / wide / _NARROW)
+    at = (np.arange(_CELLS * _FINER) + 0.5) / (_CELLS * _FINER) - 0.5
+    i, j = (np.floor(m + s * at).astype(int) for m, s in zip(middle, (y, x), strict=True))
+    inside = ((i >= 0) & (i < len(mask)))[:, None] & ((j >= 0) & (j < mask.shape[1]))
+    return _to_cells(
+        mask[np.ix_(np.clip(i, 0, len(mask) - 1), np.clip(j, 0, mask.shape[1] - 1))] & inside
+    )
+
+
+def _to_cells(fine: Mask) -> Array:
+    cover = fine.reshape(_CELLS, _FINER, _CELLS, _FINER).mean(axis=(1, 3))
+    return np.pad(cover, _MARGIN)
+
+
+@cache
+def _foreign() -> tuple[Array, Array]:
+    """Return the foreign signs on the grid, and the mean fit of each to the others."""
+    signs = np.array([_shrink(sign > 0.5) for sign in read_foreign()])
+    fits = np.array([[_fit(a, [b] * len(SEEDS)) for b in signs] for a in signs])
+    return signs, (fits.sum(axis=1) - fits.diagonal()) / (len(signs) - 1)
+
+
+def _fit(picture: Array, looks: Sequence[Array]) -> float:
+    """Return the mean of a picture's fits to looks, each begun from another seed."""
+    fits = (
+        fit_picture(picture, look, _TRIES, seed) for look, seed in zip(looks, SEEDS, strict=True)
+    )
+    return float(np.mean(list(fits)))
+
+
+@compiled
+def _fill(points: Array, faces: Ints, size: int) -> Mask:
+    """Fill triangles between points (n, 2), px, on size × size pixels."""
+    found = np.zeros((size, size), dtype=np.bool_)
+    for k in range(len(faces)):
+        a, b, c = points[faces[k, 0]], points[faces[k, 1]], points[faces[k, 2]]
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if area == 0.0:
+            continue
+        x0, x1 = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
+        y0, y1 = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
+        for j in range(max(0, int(np.ceil(y0 - 0.5))), min(size - 1, int(np.floor(y1 - 0.5))) + 1):
+            for i in range(
+                max(0, int(np.ceil(x0 - 0.5))), min(size - 1, int(np.floor(x1 - 0.5))) + 1
+            ):
+                if found[j, i]:
+                    continue
+                x, y = i + 0.5, j + 0.5
+                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
+                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+                if u >= 0.0 and v >= 0.0 and u + v <= 1.0:
+                    found[j, i] = True
+    return found
