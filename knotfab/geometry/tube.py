@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
+from knotfab.geometry.measures import bend_radii
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab_formats.libraries import took_part
 
 if TYPE_CHECKING:
@@ -27,18 +29,28 @@ if TYPE_CHECKING:
 Faces = NDArray[np.int32]
 
 
-def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
+WITHIN_MM = 0.02  # from the centre line: a ring for each vertex would be finer than any layer
+_GENTLE = 2.0  # tube radii: where a line bends more than this, every vertex keeps its ring
+_ROOM = (
+    1.05  # tube radii: the least bend radius that a thinner line may have where the line has more
+)
+
+
+def sweep(
+    points: Array, radius_mm: float, sides: int, within_mm: float = 0.0
+) -> tuple[Array, Faces]:
     """Return the tube of `radius_mm` around the closed polyline `points`, as a watertight mesh.
 
     Polylines have `sides` corners on a circle that is larger than the tube's by sqrt(a / sin a),
     a = 2 pi / sides, so that the section has the tube's area. What the frame lacks to close is
     first reduced by the section's own symmetry, to half a corner at most, and the rest is spread
-    evenly along the length.
+    evenly along the length. The volume is that of the whole line, whichever vertices have rings.
 
     Args:
         points: (n, 3) mm, n >= 3; the last point joins the first.
         radius_mm: radius of the tube, > 0.
         sides: corners of a ring, >= 3.
+        within_mm: vertices that lie so close to the chord of their neighbours get no ring (`thin_line`).
 
     Returns:
         vertices (n * sides, 3) float64 mm, in the order in which manifold3d keeps them, and faces
@@ -49,9 +61,50 @@ def sweep(points: Array, radius_mm: float, sides: int) -> tuple[Array, Faces]:
         ValueError: wrong shapes, or numbers that cannot be lengths.
         SceneError: the polyline bends too tightly for the radius, so that a mitre would fold.
     """
+    points = _check_points(points, radius_mm, sides)
+    length = _length(points)
+    if within_mm > 0:
+        points = points[thin_line(points, radius_mm, within_mm)]
+        radius_mm *= sqrt(length / _length(points))
     rings, offset = place_rings(points, radius_mm, sides)
-    length = float(np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum())
-    return carry_torus(rings, offset, pi * radius_mm**2 * length)
+    return carry_torus(rings, offset, pi * radius_mm**2 * _length(points))
+
+
+def _length(points: Array) -> float:
+    return float(np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).sum())
+
+
+def thin_line(points: Array, radius_mm: float, within_mm: float) -> NDArray[np.int64]:
+    """Choose vertices of a closed line (n, 3) whose polygon passes within `within_mm` of all others.
+
+    Every second vertex goes where it may, round after round, so that edges stay about even. Where the polygon
+    would bend too tightly for the tube all the same, the line's own vertices come back.
+    """
+    count, kept = len(points), np.arange(len(points))
+    while len(kept) >= 6:
+        odd = np.arange(1, len(kept), 2)
+        start, end = kept[odd - 1], kept[(odd + 1) % len(kept)]
+        chord = points[end] - points[start]
+        square = np.einsum("ij,ij->i", chord, chord)
+        span = (end - start) % count
+        far = np.zeros(len(odd))
+        for step in range(1, int(span.max())):
+            off = points[(start + step) % count] - points[start]
+            share = np.clip(np.einsum("ij,ij->i", off, chord) / np.maximum(square, 1e-300), 0, 1)
+            apart = np.linalg.norm(off - share[:, None] * chord, axis=1)
+            far = np.where(step < span, np.maximum(far, apart), far)
+        # a chord c at the height h of an arc bends to the radius c² / 8h
+        gone = odd[(far <= within_mm) & (square >= 8 * _GENTLE * radius_mm * far)]
+        if not len(gone):
+            break
+        kept = np.delete(kept, gone)
+    while True:
+        bends = bend_radii(points[kept], polylines_of_sizes((len(kept),)))
+        tight = kept[bends < _ROOM * radius_mm]
+        wider = np.unique(np.concatenate([kept, tight - 1, tight + 1]) % count)
+        if len(wider) == len(kept):
+            return kept
+        kept = wider
 
 
 def place_rings(points: Array, radius_mm: float, sides: int) -> tuple[Array, int]:

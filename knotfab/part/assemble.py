@@ -15,7 +15,14 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.legs import Bar, find_legs, plan_bars
 from knotfab.geometry.overhang import Rules
-from knotfab.geometry.tube import Mesh, as_manifold, as_mesh, face_normals, sweep
+from knotfab.geometry.tube import (
+    WITHIN_MM,
+    Mesh,
+    as_manifold,
+    as_mesh,
+    face_normals,
+    sweep,
+)
 from knotfab.hold.lamp_frame import Table, frame_or_reason
 from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
@@ -77,7 +84,8 @@ def part_of(
     progress = progress or Progress("quiet")
     radius = made.knots.radius_mm
     with progress.stage("part"):
-        tubes = [sweep(k.points, radius, made.settings.mesh_sides) for k in made.knots.knots]
+        sides = made.settings.mesh_sides
+        tubes = [sweep(k.points, radius, sides, WITHIN_MM) for k in made.knots.knots]
     scene = made.scene
     own: dict[str, Any] = {"piece": scene.piece.but(printed=printing)}
     if not printing:

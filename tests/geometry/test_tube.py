@@ -28,6 +28,7 @@ from knotfab.geometry.tube import (
     reach_mm,
     sides_for,
     sweep,
+    thin_line,
 )
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import self_intersections
@@ -75,6 +76,39 @@ def test_volume_is_that_of_the_round_tube(sides: int, seed: int) -> None:
     assert mesh_volume(vertices, faces) == pytest.approx(wanted, rel=3e-6 if sides > 3 else 1e-5)
     assert edges_are_matched(faces)
     assert genus(vertices, faces) == 1
+
+
+@pytest.mark.parametrize("within", [0.002, 0.02, 0.5])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_thinner_line_passes_near_every_vertex_and_its_tube_has_the_same_volume(
+    within: float, seed: int
+) -> None:
+    p, radius = wiggle(801, seed), 1.5
+    kept = thin_line(p, radius, within)
+    assert (np.diff(kept) > 0).all() and len(kept) < len(p)
+    start, end = p[kept], np.roll(p[kept], -1, axis=0)
+    for a, b, first, last in zip(start, end, kept, [*kept[1:], kept[0] + len(p)], strict=True):
+        between = p[np.arange(first, last + 1) % len(p)] - a
+        share = np.clip(between @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        assert np.linalg.norm(between - share[:, None] * (b - a), axis=1).max() <= within + 1e-12
+    vertices, faces = sweep(p, radius, 20, within)
+    assert len(vertices) == 20 * len(kept) and genus(vertices, faces) == 1
+    # what is missing is the rest of the twist, spread over fewer rings
+    near = 1e-5 if within < 0.1 else 2e-4
+    assert mesh_volume(vertices, faces) == pytest.approx(np.pi * radius**2 * length(p), rel=near)
+
+
+def test_a_line_keeps_its_vertices_where_it_bends_tightly() -> None:
+    bend = np.linspace(0, np.pi, 40)
+    leg = np.linspace(0, 40, 41)[1:-1]
+    turn = 2.4 * np.column_stack([np.cos(bend), np.sin(bend), 0 * bend])
+    left = np.column_stack([-2.4 + 0 * leg, -leg, 0 * leg])
+    p = np.concatenate([turn, left, turn * [-1, -1, 1] - [0, 40, 0], (left * [-1, 1, 1])[::-1]])
+    kept = set(thin_line(p, 2.0, 0.02).tolist())
+    assert set(range(2, 38)) <= kept and len(kept) < len(p) - 40  # the legs are straight
+    sweep(p, 2.0, 20, 0.02)  # and folds no more than the whole line
+    for few in (3, 4, 5, 6):
+        assert len(thin_line(circle(few, 9.0), 2.0, 99.0)) >= 3
 
 
 @settings(max_examples=6)
