@@ -15,14 +15,7 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.legs import Bar, find_legs, plan_bars
 from knotfab.geometry.overhang import Rules
-from knotfab.geometry.tube import (
-    WITHIN_MM,
-    Mesh,
-    as_manifold,
-    as_mesh,
-    face_normals,
-    sweep,
-)
+from knotfab.geometry.tube import WITHIN_MM, Mesh, as_manifold, as_mesh, face_normals, sweep
 from knotfab.hold.lamp_frame import Table, frame_or_reason
 from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
