@@ -20,7 +20,7 @@ from knotfab.hold.shade import MountShadows
 from knotfab.hold.solids import stand_bodies, strut
 from knotfab.hold.stand import StandMount, plan_stand
 from knotfab.hold.struts import join_members
-from knotfab.part.assemble import _choose_poses
+from knotfab.part.assemble import _choose_pose
 from knotfab.report.setup import draw_sheets, write_setup
 from knotfab.report.setup_words import steps_of
 from knotfab.scene.camera import Camera
@@ -115,8 +115,8 @@ def test_an_eye_is_as_a_lamp() -> None:
     low = scene.model_copy(update={"printer": Printer(build_volume_mm=(250.0, 250.0, 100.0))})
     for asked, upright in ((scene, BASE_DOWN), (low, None)):
         made = SimpleNamespace(scene=asked, knots=ONE)
-        mounted, pose, plates = _choose_poses(made, lit, True, CAMERAS, TARGETS)  # type: ignore[arg-type]
-        assert mounted.upright is upright and plates is None
+        mounted, pose = _choose_pose(made, lit, True)  # type: ignore[arg-type]
+        assert mounted.upright is upright
         assert (pose.size_mm <= asked.printer.build_volume_mm).all()
 
 
