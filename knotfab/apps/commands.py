@@ -24,7 +24,6 @@ from knotfab_formats.errors import InputError
 
 if TYPE_CHECKING:
     from knotfab.apps.doctor import Finding
-    from knotfab.design.survey import Survey
 
 _DEFAULTS = BuildOptions()
 _READ = PictureOptions()
@@ -45,7 +44,7 @@ def preview(
     sequence: Flag = False,
     json: Flag = False,
 ) -> int:
-    """Show what a picture will become: its silhouette, the tube that a build takes, and what that loses.
+    """Tell what `knotfab build --print` will make of a picture, and show what the tube loses.
 
     Parameters
     ----------
@@ -67,22 +66,17 @@ def preview(
     asked = BuildOptions(**vars(options), sequence=sequence)
     with Progress("auto") as progress:
         found = survey_pictures(pictures, asked, progress)
-    from knotfab.report.pictures import draw_survey
-
-    write_whole(out, draw_survey(found))
-    _print_survey(found, out, json)
-    return 0
-
-
-def _print_survey(found: Survey, picture: Path, json: bool) -> None:
     import json as codec
 
     from knotfab.design.sentence import describe, list_figures
+    from knotfab.report.pictures import draw_survey
 
+    write_whole(out, draw_survey(found))
     if json:
-        print(codec.dumps({**list_figures(found), "picture": str(picture)}))
-        return
-    print("\n".join([*describe(found), f"  {picture} shows it."]))
+        print(codec.dumps({**list_figures(found), "picture": str(out)}))
+    else:
+        print("\n".join([*describe(found), f"  {out} shows it, and in red what is lost."]))
+    return 0
 
 
 @with_examples("""Examples:

@@ -219,7 +219,7 @@ def guess_print(
         plate = min(plate, outlined_mm2) * scene.mount.thickness_mm
     without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
     if scene.mount.kind == "auto" and not (on_wall or alone):
-        without = "what holds it" if scene.piece.printed else "the holder that --print adds"
+        without = "its holder" if scene.piece.printed else "the holder that --print adds"
     mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
         return Guess(float(mass), None, without)

@@ -56,8 +56,6 @@ class RadiusChoice:
     trials: tuple[RadiusTrial, ...]
     template: Template | None = None
     start: Start | None = None
-    # by radius, for one view
-    templates: Mapping[float, Template] = field(default_factory=dict)
     small: SmallParts | None = None  # None where no small part is lost
 
 
@@ -250,7 +248,6 @@ def choose_radius(
         tuple(RadiusTrial(r, scores[r], drawn.get(r, float("nan"))) for r in sorted(scores)),
         trials.templates.get(chosen),
         trials.starts.get(chosen),
-        trials.templates,
         small,
     )
 

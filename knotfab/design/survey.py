@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -40,7 +40,6 @@ from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
-_SHOWN = 3  # thicker tubes to show beside the chosen one
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _ROOTS = 0.09  # area of roots over the square of the picture's longer side, as built: .08 to .10
 _SPARE = 0.3  # tolerance of a simplified outline, px
@@ -53,10 +52,9 @@ _FEW = 200  # pieces and holes up to which polygons are opened, and not pixels
 class ViewSurvey:
     """One picture's silhouette, in px, and what tubes lose of it. Radii are in mm of the piece.
 
-    `pieces` and `holes` are counted without specks that nobody misses. `losses`: what is lost with the chosen
-    radius and with thicker ones, in px of the picture; `spills`: what they draw beside it, as a share of it.
-    `whole_mm`: the thickest radius tried that neither loses nor spills anything that counts, None if there is
-    none. `together`: the share of strokes that run together when drawn by a tube; 0 if areas are filled.
+    `pieces` and `holes` are counted without specks that nobody misses. `losses`: what the tube loses,
+    None where that is not known; `spill`: what it draws beside the picture, as a share of it.
+    `together`: the share of strokes that run together when drawn by a tube; 0 if areas are filled.
     `likeness`: the best that the thinnest tube could draw, None if most of the picture is wider than two
     tubes.
     """
@@ -65,9 +63,8 @@ class ViewSurvey:
     target: Target
     pieces: int
     holes: int
-    losses: Mapping[float, list[Loss]] = field(default_factory=dict)
-    spills: Mapping[float, float] = field(default_factory=dict)
-    whole_mm: float | None = None
+    losses: Sequence[Loss] | None = None
+    spill: float = 0.0
     together: float = 0.0
     likeness: Likeness | None = None
 
@@ -76,11 +73,6 @@ class ViewSurvey:
         """The silhouette, simplified as a preview can afford."""
         shape = trace_polygon(self.target.mask).simplify(_SPARE)
         return shape if isinstance(shape, MultiPolygon) else MultiPolygon([shape])
-
-    @property
-    def recognisable(self) -> bool:
-        """Whether some tube may draw the picture recognisably."""
-        return self.likeness is None or self.likeness.recognisable
 
     @property
     def px_per_mm(self) -> float:
@@ -111,16 +103,16 @@ class Survey:
     `refusal` is the error with which a build would end at once, None if it would not.
     """
 
+    scene: ResolvedScene
     views: tuple[ViewSurvey, ...]
     radius_mm: float
     guess: Guess
     frames: int = 0  # length of a sequence, whose hardest frame is in `views`
     refusal: SceneError | None = None
     small: SmallParts | None = None  # None where the usual tube loses no small part
-    otherwise: Guess | None = None  # for the other tube that `small` weighs, which is not taken
     chosen: bool = True  # whether the radius is known; a search by the clock chooses its own
     bounds: tuple[HullBound, ...] = ()  # the visual hull's, for several pictures
-    agreed: tuple[str, ...] = ()  # the changes that made the pictures agree, a sentence each
+    told: tuple[str, ...] = ()  # what else is done to the pictures or the piece, a sentence each
     parted: Separation | None = None  # the masks of a coloured picture, which lamps mix again
 
 
@@ -138,43 +130,39 @@ def survey(
     """
     frames = len(targets) if sequence else 0
     targets = [_hardest(targets)] if sequence else targets
-    views = survey_views(scene, targets)
+    views = _survey_views(scene, targets)
     refusal = find_refusal(views, scene, sequence)
     radius = scene.thinnest_mm
-    templates: dict[float, Template] = {}
+    template: Template | None = None
     small: SmallParts | None = None
     if choose and refusal is None:
         try:
-            question, radius, templates, small = _choose_tube(scene, targets)
+            question, radius, template, small = _choose_tube(scene, targets)
             # a plate for feet moves the wall to the piece, and so frames it larger
             views = tuple(
-                replace(seen, view=view) for seen, view in zip(views, question.views, strict=True)
+                _add_losses(
+                    replace(seen, view=view), radius, scene.printer.min_tube_radius_mm, template
+                )
+                for seen, view in zip(views, question.views, strict=True)
             )
-            views = _add_losses(views, question, radius, templates)
         except SceneError as error:
             refusal = None if sequence else error  # another frame may come first
     first = views[0]
-
-    def guess(radius_mm: float) -> Guess:
-        return guess_print(
-            scene,
-            first.view,
-            [seen.area_mm2 for seen in views],
-            first.piece_mm,
-            radius_mm,
-            first.pieces,
-            templates.get(radius_mm),
-            _outline_mm2(first, scene.mount),
-        )
-
-    otherwise = None
-    if small is not None and small.keeping_mm is not None:
-        otherwise = guess(small.usual_mm if radius == small.keeping_mm else small.keeping_mm)
+    guess = guess_print(
+        scene,
+        first.view,
+        [seen.area_mm2 for seen in views],
+        first.piece_mm,
+        radius,
+        first.pieces,
+        template,
+        _outline_mm2(first, scene.mount),
+    )
     known = choose or scene.piece.tube_radius_mm is not None
-    return Survey(views, radius, guess(radius), frames, refusal, small, otherwise, known)
+    return Survey(scene, views, radius, guess, frames, refusal, small, known)
 
 
-def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
+def _survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
     """Survey each picture by itself, without a choice of the radius."""
     if len(targets) > 1:
         scene = framed_alike(scene, targets)
@@ -205,8 +193,8 @@ def survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewS
 
 def _choose_tube(
     scene: ResolvedScene, targets: Sequence[Target]
-) -> tuple[Question, float, dict[float, Template], SmallParts | None]:
-    """Return a build's question and radius (mm), one view's templates that were tried, and the small parts.
+) -> tuple[Question, float, Template | None, SmallParts | None]:
+    """Return a build's question and radius (mm), one view's template, and the small parts.
 
     Raises:
         SceneError: no tube draws the pictures.
@@ -219,42 +207,27 @@ def _choose_tube(
         radius = read_start(Path(settings.start)).radius_mm
     if radius is None:
         choice = choose_radius(question, settings, knots, placed=not one)
-        return question, choice.radius_mm, dict(choice.templates), choice.small
+        return question, choice.radius_mm, choice.template, choice.small
     if not one:
-        return question, radius, {}, None
-    template = make_template(question.problem.views[0], radius, knots)
-    return question, radius, {radius: template}, None
+        return question, radius, None, None
+    return question, radius, make_template(question.problem.views[0], radius, knots), None
 
 
 def _add_losses(
-    views: Sequence[ViewSurvey],
-    question: Question,
-    radius: float,
-    templates: Mapping[float, Template],
-) -> tuple[ViewSurvey, ...]:
-    """Add what tubes lose of each view, found by the templates for one view and by openings for several."""
-    thinnest = question.scene.printer.min_tube_radius_mm
-    found = []
-    for seen in views:
-        px = seen.px_per_mm
-        plain = _without_specks(seen.polygon, (_SPECK * thinnest * px) ** 2)
-        thicker = [r for r in sorted(templates) if r > radius]
-        tried = [radius, *thicker[:: -(-len(thicker) // _SHOWN) or 1]]
-        if seen.view.lines:
-            tried = []
-        losses, spills = {}, {}
-        for r in [*tried, min(templates, default=radius)]:
-            drawn = _drawn_by(templates[r], seen) if templates else open_by(plain, r * px)
-            try:
-                losses[r] = find_losses(plain, drawn, r * px)
-                spills[r] = float(drawn.difference(plain).area / plain.area)
-            except shapely.GEOSException:
-                continue  # skip an estimate that fails
-        clean = (r for r, lost in losses.items() if not lost and spills.get(r, 1.0) < SPILL)
-        shown = {r: losses[r] for r in tried if r in losses}
-        whole = max(clean, default=None)
-        found.append(replace(seen, losses=shown, spills=spills, whole_mm=whole))
-    return tuple(found)
+    seen: ViewSurvey, radius: float, thinnest: float, template: Template | None
+) -> ViewSurvey:
+    """Add what a tube loses of a view, found by its template, or else by an opening."""
+    if seen.view.lines:
+        return seen
+    px = seen.px_per_mm
+    plain = _without_specks(seen.polygon, (_SPECK * thinnest * px) ** 2)
+    drawn = open_by(plain, radius * px) if template is None else _drawn_by(template, seen)
+    try:
+        losses = find_losses(plain, drawn, radius * px)
+        spill = float(drawn.difference(plain).area / plain.area)
+    except shapely.GEOSException:
+        return seen  # skip an estimate that fails
+    return replace(seen, losses=losses, spill=spill)
 
 
 def _drawn_by(template: Template, seen: ViewSurvey) -> Polygon | MultiPolygon:
@@ -317,53 +290,38 @@ def find_refusal(
     It refuses a picture that no tube shows recognisably, unless the scene accepts that, and one of strokes
     much thinner than the tube. A tube draws such strokes too thick, at an IoU of the ratio of the widths.
     """
-    if (unlike := find_unlike(views, scene)) is not None:
-        return _unlike(unlike, scene)
+    for one in () if "unrecognisable" in scene.accuracy.accept else views:
+        if one.likeness is not None and not one.likeness.recognisable:
+            return _refuse_unlike(one, one.likeness, scene)
     if len(views) > 1 or sequence or scene.piece.tube_radius_mm is not None:
         return None
     printer, (seen,) = scene.printer, views
     thinnest = printer.min_tube_radius_mm
-    target, pixels = seen.target, (seen.target.width, seen.target.height)
     radius = thinnest * seen.px_per_mm
+    otherwise = "--lines on, or --thicken auto"
     if seen.view.lines:
         if seen.together <= _BLOBS:
             return None
-        return too_fine(
-            recognisable_radius(target.asked, radius),
-            seen.view,
-            pixels,
-            printer,
+        drawn, otherwise = recognisable_radius(seen.target.asked, radius), ""
+        why = (
             "its lines are too close together for any printable tube: as wide as one of "
-            f"{2 * line_radius(seen.view):g} mm, {seen.together:.0%} of them run together",
-            otherwise="",
+            f"{2 * line_radius(seen.view):g} mm, {seen.together:.0%} of them run together"
         )
     # wider than two tubes: the opening keeps half of it or more
-    if seen.likeness is None or opening_iou(seen.polygon, radius) >= _HOPELESS:
+    elif seen.likeness is None or opening_iou(seen.polygon, radius) >= _HOPELESS:
         return None
-    drawn = drawing_radius(seen.polygon, radius)
-    spilled = 0.0 if drawn is None else drawn / radius
-    if spilled >= _HOPELESS:
-        return None
-    return too_fine(
-        drawn,
-        seen.view,
-        pixels,
-        printer,
-        f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm",
-    )
+    else:
+        drawn = drawing_radius(seen.polygon, radius)
+        if drawn is not None and drawn / radius >= _HOPELESS:
+            return None
+        why = f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm"
+    pixels = (seen.target.width, seen.target.height)
+    return too_fine(drawn, seen.view, pixels, printer, why, otherwise)
 
 
-def find_unlike(views: Sequence[ViewSurvey], scene: ResolvedScene) -> ViewSurvey | None:
-    """Return the first picture that no tube shows recognisably, unless the scene accepts that."""
-    if "unrecognisable" in scene.accuracy.accept:
-        return None
-    return next((one for one in views if not one.recognisable), None)
-
-
-def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:
+def _refuse_unlike(seen: ViewSurvey, likeness: Likeness, scene: ResolvedScene) -> SceneError:
     """Build the error for a picture that no tube shows recognisably."""
-    likeness, px, printer = seen.likeness, seen.px_per_mm, scene.printer
-    assert likeness is not None
+    px, printer = seen.px_per_mm, scene.printer
     given, radius = scene.piece.tube_radius_mm is not None, scene.thinnest_mm
     lost = f"which reaches an IoU of about {likeness.iou:.2f}"
     if likeness.changes:
@@ -376,13 +334,9 @@ def _unlike(seen: ViewSurvey, scene: ResolvedScene) -> SceneError:
     otherwise = "--accept unrecognisable to build it nevertheless"
     if given and drawn is not None and drawn >= printer.min_tube_radius_mm * px:
         otherwise = f"a thinner tube (--tube-radius {drawn / px:.2f}), or {otherwise}"
-    return too_fine(
-        drawn,
-        seen.view,
-        (seen.target.width, seen.target.height),
-        printer,
+    why = (
         f"it is too fine for {'such a' if given else 'any printable'} tube: nobody would know "
-        f"{seen.target.name} in the shadow of one {2 * radius:g} mm thick, {lost}",
-        otherwise,
-        "parts",
+        f"{seen.target.name} in the shadow of one {2 * radius:g} mm thick, {lost}"
     )
+    pixels = (seen.target.width, seen.target.height)
+    return too_fine(drawn, seen.view, pixels, printer, why, otherwise, "parts")

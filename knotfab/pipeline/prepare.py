@@ -68,9 +68,7 @@ def prepare_build(
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
     printing = _is_printed(options, call.scene)
-    scene, otherwise, why = choose_supports(call.scene, call.targets, printing)
-    told = (f"It gets the slicer's supports: {why}.",) if why else ()
-    call = replace(call, scene=scene, lines=(*call.lines, *told))
+    call, otherwise, why = _plan_supports(call, printing)
     if budget is not None:
         require_budget(
             budget,
@@ -92,7 +90,7 @@ def prepare_build(
         from knotfab.design.sentence import describe
         from knotfab.design.survey import require_drawable
 
-        found = _survey(call, options, choose=budget is None)
+        found = _survey(call, options.sequence, printing, choose=budget is None)
     require_drawable(found)
     return Request(
         call.scene,
@@ -107,7 +105,7 @@ def prepare_build(
         colours=options.colours,
         sequence=options.sequence,
         targets=call.targets,
-        preview=(*describe(found, exact=options.verbose), *call.lines),
+        preview=tuple(describe(found)),
         previewed_radius_mm=_promised_radius(found, call.scene),
         otherwise=otherwise,
         why_supported=why,
@@ -149,7 +147,7 @@ def check_options(options: BuildOptions) -> None:
 def survey_pictures(
     pictures: Sequence[str], options: BuildOptions, progress: Progress | None = None
 ) -> Survey:
-    """Survey the pictures of a call: what a tube can make of them.
+    """Survey the pictures of a call: what a build of them with `--print` makes.
 
     Raises:
         InputError: as for `prepare_build`.
@@ -157,7 +155,7 @@ def survey_pictures(
     progress = progress or Progress("quiet")
     call = _read_call(pictures, options, progress, glance=GLANCE)
     with progress.stage("preview"):
-        return _survey(call, options)
+        return _survey(_plan_supports(call, True)[0], options.sequence, True)
 
 
 @dataclass(frozen=True)
@@ -169,10 +167,9 @@ class _Call:
     base: Path | None  # the folder that relative pictures start from
     targets: tuple[Target, ...]
     name: str  # of the piece
-    lines: tuple[str, ...] = ()  # further lines for the user
+    told: tuple[str, ...] = ()  # what a preview adds, a sentence each
     agreed: Agreement | None = None  # of several pictures
     parted: Separation | None = None  # the masks for lamps, of a picture in colours
-    told: tuple[str, ...] = ()  # lines on lamps, which a preview shows too
 
 
 def _read_call(
@@ -204,7 +201,15 @@ def _read_call(
         scene, targets = agreed.scene, agreed.targets
     names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
     name = plain_name("-".join(dict.fromkeys(names)), "picture")
-    return _Call(scene, sources, base, targets, name, _tell_knots(scene, targets), agreed)
+    told = (*(agreed.lines if agreed else ()), *_tell_knots(scene, targets))
+    return _Call(scene, sources, base, targets, name, told, agreed)
+
+
+def _plan_supports(call: _Call, printing: bool) -> tuple[_Call, ResolvedScene | None, str]:
+    """Return a call with the scene that is built first, the one after it, and why there is none."""
+    scene, otherwise, why = choose_supports(call.scene, call.targets, printing)
+    told = (f"it gets the slicer's supports: {why}",) if why else ()
+    return replace(call, scene=scene, told=(*call.told, *told)), otherwise, why
 
 
 def _refuse_directions(options: BuildOptions, why: str, or_else: str = "") -> None:
@@ -286,22 +291,17 @@ def _tell_knots(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, .
     if len(targets) > 1 or not isinstance(asked, int) or asked <= pieces:
         return ()
     is_ = "is one piece, and becomes one knot" if pieces == 1 else f"has {pieces} pieces"
-    return (f"--knots {asked}: the picture {is_}. A knot more would draw nothing.",)
+    return (f"--knots {asked}: the picture {is_}. A knot more would draw nothing",)
 
 
-def _survey(call: _Call, options: BuildOptions, choose: bool = True) -> Survey:
+def _survey(call: _Call, sequence: bool, printing: bool, choose: bool = True) -> Survey:
     """Survey the pictures of a call; with `choose` the tube's radius is chosen too, as a build does."""
     from knotfab.design.survey import survey
 
-    printed = {"printed": _is_printed(options, call.scene)}
-    piece = call.scene.piece.but(**printed)
-    scene = call.scene.but(piece=piece)
-    found = _explain_photograph(survey(scene, call.targets, options.sequence, choose))
-    if call.told:
-        return replace(found, agreed=call.told, parted=call.parted)
-    if call.agreed is None:
-        return found
-    return replace(found, bounds=call.agreed.bounds, agreed=call.agreed.lines)
+    scene = call.scene.but(piece=call.scene.piece.but(printed=printing))
+    found = _explain_photograph(survey(scene, call.targets, sequence, choose))
+    bounds = call.agreed.bounds if call.agreed else ()
+    return replace(found, bounds=bounds, told=call.told, parted=call.parted)
 
 
 def _explain_photograph(found: Survey) -> Survey:

@@ -8,18 +8,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
-from shapely import MultiPolygon, Polygon
+from PIL import Image, ImageDraw
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.hull import HullBound
-from knotfab.design.sentence import with_noun
-from knotfab.design.survey import SPILL, Survey, ViewSurvey
+from knotfab.design.survey import Survey, ViewSurvey
 from knotfab.geometry.polylines import polylines_of
 from knotfab.hold.mount import Mounted
 from knotfab.knots import Knots
-from knotfab.picture.fonts import needs_shaping, supplied_folder
-from knotfab.picture.opening import Loss
 from knotfab.picture.raster import encode_image
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
@@ -144,166 +140,95 @@ def _write_turn(
     write_gif(path, frames, [HOLD_MS if angle in shown else FRAME_MS for angle in turns])
 
 
-# A survey as one picture: each silhouette, and in red what the build's tube and thicker ones lose.
+# A survey as one picture: each silhouette, and in red what the tube loses of it.
 
-_PANEL = 360  # px
-_TEXT = 34  # px of the caption above each
+_SIDE = 720  # px of a panel's longer side
 _GAP = 12  # px between panels
-_FINER = 3  # drawn so many times as large and brought down
-_PAPER, _INK, _FRAME = (250, 248, 244), (60, 58, 56), (214, 208, 198)
-_FAINT, _RED = (196, 190, 182), (212, 30, 30)
-_SEEN_AS = "the colours that will be seen"
-_SEEN = 9.0  # px: a smaller loss gets a ring about it
+_PAPER, _INK, _FRAME, _RED = (250, 248, 244), (60, 58, 56), (214, 208, 198), (212, 30, 30)
+_RING = 18.0  # px of a panel: a smaller loss gets a ring about it
 
 
 class Panel(NamedTuple):
-    """A silhouette, or what a tube leaves of it, and the words above it."""
+    """A picture on a preview's sheet, and the words for it."""
 
     caption: str
     image: Image.Image
 
 
 def draw_survey(found: Survey) -> bytes:
-    """Draw a PNG with a row for each picture: its silhouette and one panel for each radius."""
+    """Draw a PNG with a row for each picture: its silhouette, with what the tube loses in red."""
     return _lay_out(_draw_rows(found))
 
 
 def draw_agreement(target: Target, bound: HullBound) -> bytes:
     """Draw a PNG of a picture as it came, as it was bent, and what all views leave of it."""
-    return _lay_out([_agreement(target, bound, _PANEL)])
+    return _lay_out([_agreement(target, bound)])
 
 
-def _lay_out(panels: Sequence[Sequence[Panel]]) -> bytes:
-    """Lay rows of panels with their captions on one sheet; return it as PNG."""
-    rows = [[_with_caption(panel) for panel in row] for row in panels]
-    width = _GAP + max(len(row) for row in rows) * (_PANEL + _GAP)
-    heights = [max(p.height for p in row) + _GAP for row in rows]
-    sheet = Image.new("RGB", (width, _GAP + sum(heights)), _PAPER)
-    top = _GAP
+def draw_panels(found: Survey) -> list[Panel]:
+    """Draw the panels of all pictures in their order."""
+    return [panel for row in _draw_rows(found) for panel in row]
+
+
+def _lay_out(rows: Sequence[Sequence[Panel]]) -> bytes:
+    """Lay rows of panels on one sheet; return it as PNG."""
+    heights = [_GAP + max(panel.image.height for panel in row) for row in rows]
+    width = _GAP + max(sum(_GAP + panel.image.width for panel in row) for row in rows)
+    sheet, top = Image.new("RGB", (width, _GAP + sum(heights)), _PAPER), _GAP
     for row, height in zip(rows, heights, strict=True):
-        for n, panel in enumerate(row):
-            sheet.paste(panel, (_GAP + n * (_PANEL + _GAP), top))
+        left = _GAP
+        for panel in row:
+            sheet.paste(panel.image, (left, top))
+            left += panel.image.width + _GAP
         top += height
     return encode_image(sheet, compress_level=6)
 
 
-def draw_panels(found: Survey, side_px: int = 2 * _PANEL) -> list[Panel]:
-    """Draw the panels of all pictures in their order, `side_px` on the longer side."""
-    return [panel for row in _draw_rows(found, side_px) for panel in row]
-
-
-def _draw_rows(found: Survey, side_px: int = _PANEL) -> list[list[Panel]]:
-    """Draw each picture's panels: the silhouette, what agrees with the others, and what tubes lose."""
-    colours = []
+def _draw_rows(found: Survey) -> list[list[Panel]]:
+    rows = []
     if (parted := found.parted) is not None:
-        came = Image.open(io.BytesIO(parted.png))
-        seen = Image.open(io.BytesIO(parted.seen_png()))
-        colours = [
-            [_picture_panel("as it came", came, side_px), _picture_panel(_SEEN_AS, seen, side_px)]
-        ]
-    bounds = found.bounds or (None,) * len(found.views)
-    return colours + [
-        (_agreement(seen.target, bound, side_px) if bound else [_draw_panel(seen, None, side_px)])
-        + [_draw_panel(seen, radius, side_px) for radius in seen.losses]
-        for seen, bound in zip(found.views, bounds, strict=True)
-    ]
+        came, seen = (Image.open(io.BytesIO(png)) for png in (parted.png, parted.seen_png()))
+        rows.append([_framed("as it came", came), _framed("the colours that will be seen", seen)])
+    for n, one in enumerate(found.views):
+        drawn = _mask_panel(one.target.shown[:30], one.target.mask, _mark_losses(one))
+        before = _agreement(one.target, found.bounds[n]) if found.bounds else []
+        rows.append([*before, drawn])
+    return rows
 
 
-def _agreement(target: Target, bound: HullBound, side_px: int) -> list[Panel]:
-    panels = [_mask_panel(f"{target.shown[:30]}, as it came", target.asked, side_px)]
-    if (bent := target.bending) is not None:
-        said = f"as bent: {bent.rms:.1%} on average, {bent.most:.1%} at most"
-        panels.append(_mask_panel(said, target.mask, side_px))
+def _agreement(target: Target, bound: HullBound) -> list[Panel]:
+    panels = [_mask_panel("as it came", target.asked)]
+    if target.bending is not None:
+        panels.append(_mask_panel("as it is bent", target.mask))
     lost = bound.wanted & ~bound.covered
-    said = f"what all leave of it: {bound.iou:.3f}"
-    return [*panels, _mask_panel(said, bound.covered, side_px, lost)]
+    return [*panels, _mask_panel("what all pictures leave of it", bound.covered, lost)]
 
 
-def _mask_panel(caption: str, mask: Mask, side_px: int, lost: Mask | None = None) -> Panel:
+def _mask_panel(caption: str, mask: Mask, lost: Mask | None = None) -> Panel:
     """Draw a mask in ink, and what is `lost` in red."""
     colours = np.where(mask[..., None], _INK, _PAPER)
     if lost is not None:
         colours = np.where(lost[..., None], _RED, colours)
-    return _picture_panel(caption, Image.fromarray(colours.astype(np.uint8)), side_px)
+    return _framed(caption, Image.fromarray(colours.astype(np.uint8)))
 
 
-def _picture_panel(caption: str, picture: Image.Image, side_px: int) -> Panel:
-    """Draw a picture inside a frame."""
+def _framed(caption: str, picture: Image.Image) -> Panel:
     picture = picture.convert("RGB")
-    picture = picture.resize(fit_size(*picture.size, side_px), Image.Resampling.LANCZOS)
+    picture = picture.resize(fit_size(*picture.size, _SIDE), Image.Resampling.BOX)
     ends = (0, 0, picture.width - 1, picture.height - 1)
     ImageDraw.Draw(picture).rectangle(ends, outline=_FRAME)
     return Panel(caption, picture)
 
 
-def _with_caption(panel: Panel) -> Image.Image:
-    picture = panel.image
-    sheet = Image.new("RGB", (_PANEL, _TEXT + picture.height), _PAPER)
-    sheet.paste(picture, (0, _TEXT))
-    said, font = panel.caption, ImageFont.load_default(14)
-    if not said.isascii():
-        wide = ImageFont.truetype(f"{supplied_folder()}/DejaVuSans.ttf", 13)
-        box = bytes(wide.getmask("\U0010ffff"))  # no font draws that sign
-        # a name in a script that this font lacks, or cannot set, is left out
-        while ", " in said and (
-            needs_shaping(said) or any(bytes(wide.getmask(c)) == box for c in said)
-        ):
-            said = said.partition(", ")[2]
-        font = font if said.isascii() else wide
-    ImageDraw.Draw(sheet).text((0, 8), said, fill=_INK, font=font)
-    return sheet
-
-
-def _draw_panel(seen: ViewSurvey, radius: float | None, side_px: int) -> Panel:
-    """Draw the silhouette, or what a tube of `radius` mm leaves of it and loses, in red."""
+def _mark_losses(seen: ViewSurvey) -> Mask:
+    """Mark the pixels of a picture that the tube loses, with rings about those that are hard to see."""
     width, height = seen.target.width, seen.target.height
-    scale = side_px * _FINER / max(width, height)
-    size = fit_size(width, height, side_px * _FINER)
-    picture = Image.new("RGB", size, _PAPER)
-    draw = ImageDraw.Draw(picture)
-    lost = [] if radius is None else seen.losses[radius]
-    _fill_shape(draw, seen.polygon, scale, _INK if radius is None else _FAINT)
-    for loss in lost:
-        _fill_shape(draw, MultiPolygon([loss.shape]), scale, _RED)
-    for loss in lost:
-        _mark_loss(draw, loss, scale)
-    draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=_FRAME, width=_FINER)
-    picture = picture.resize((size[0] // _FINER, size[1] // _FINER), Image.Resampling.BOX)
-    return Panel(_caption(seen, radius, lost), picture)
-
-
-def _caption(seen: ViewSurvey, radius: float | None, lost: list[Loss]) -> str:
-    if radius is None:
-        wide, high = seen.view.frame_mm
-        name = seen.target.shown[:20]
-        parts = f"{with_noun(seen.pieces, 'piece')}, {with_noun(seen.holes, 'hole')}"
-        return f"{name}, {wide:.0f} x {high:.0f} mm, {parts}"
-    which = "a build's tube" if radius == next(iter(seen.losses)) else "a tube"
-    if not lost:
-        spill = seen.spills.get(radius, 0.0)
-        beside = f", {spill:.0%} is spilled" if spill >= SPILL else ""
-        return f"{which}, {2 * radius:.1f} mm thick: nothing is lost{beside}"
-    longest = max(loss.extent for loss in lost) * seen.wall_mm_per_px
-    return f"{which}, {2 * radius:.1f} mm thick: {with_noun(len(lost), 'loss')}, up to {longest:.0f} mm"
-
-
-def _fill_shape(
-    draw: ImageDraw.ImageDraw, shape: MultiPolygon, scale: float, colour: object
-) -> None:
-    """Fill polygons, larger ones first, so that what lies in a hole is painted after it."""
-    for piece in sorted(shape.geoms, key=lambda p: -Polygon(p.exterior).area):
-        draw.polygon(_to_sheet(piece.exterior.coords, scale), fill=colour)  # type: ignore[arg-type]
-        for hole in piece.interiors:
-            draw.polygon(_to_sheet(hole.coords, scale), fill=_PAPER)
-
-
-def _to_sheet(points: object, scale: float) -> list[tuple[float, float]]:
-    moved: Array = (np.asarray(points, dtype=np.float64) + 0.5) * scale - 0.5
-    return [(float(x), float(y)) for x, y in moved]
-
-
-def _mark_loss(draw: ImageDraw.ImageDraw, loss: Loss, scale: float) -> None:
-    reach = 0.5 * loss.extent * scale
-    if reach < _SEEN * _FINER:
-        (x, y), r = _to_sheet([loss.at], scale)[0], _SEEN * _FINER
-        draw.ellipse((x - r, y - r, x + r, y + r), outline=_RED, width=2 * _FINER)
+    marked, px = Image.new("1", (width, height)), max(width, height) / _SIDE
+    draw = ImageDraw.Draw(marked)
+    for loss in seen.losses or ():  # the largest first
+        draw.polygon(list(loss.shape.exterior.coords), fill=1)
+        for hole in loss.shape.interiors:
+            draw.polygon(list(hole.coords), fill=0)
+        if 0.5 * loss.extent < _RING * px:
+            draw.circle(loss.at, _RING * px, outline=1, width=max(1, round(3 * px)))
+    return np.asarray(marked)

@@ -51,7 +51,7 @@ def test_the_default_folder_is_named_after_the_picture(square: Path) -> None:
 
 def test_more_knots_than_pieces_are_no_silent_wish(square: Path) -> None:
     (said,) = prepare(square, knots=3).preview[-1:]
-    assert said.startswith("--knots 3: the picture is one piece, and becomes one knot.")
+    assert said.startswith("  --knots 3: the picture is one piece, and becomes one knot.")
     assert "--knots" not in prepare(square, knots=1).preview[-1]
 
 
@@ -90,7 +90,7 @@ def test_what_cannot_print_without_supports(
     request = prepare(*pictures, supports="auto", print=True, **options)
     assert request.scene.piece.supports == "slicer" and request.otherwise is None
     assert re.search(why, request.why_supported)
-    assert request.preview[-1] == f"It gets the slicer's supports: {request.why_supported}."
+    assert request.preview[-1] == f"  It gets the slicer's supports: {request.why_supported}."
 
 
 def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path) -> None:
@@ -99,14 +99,14 @@ def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path)
     ways = request.scene.piece.supports, request.otherwise.piece.supports
     assert ways == ("none", "slicer")
     for drawn, more, plate in (
-        (square, {}, "outline"),
-        (square, {"wall_distance": "120"}, "pegs"),
-        (square, {"mount": "none"}, "pegs"),
-        ("text:i", {"wall_distance": "120"}, "outline"),  # two loose knots
+        (square, {}, "roots"),
+        (square, {"wall_distance": "120"}, "auto"),
+        (square, {"mount": "none"}, "auto"),
+        ("text:i", {"wall_distance": "120"}, "rounded"),  # two loose knots
     ):
         request = prepare(drawn, print=True, **more)
         assert request.otherwise is not None
-        assert (request.scene.mount.plate, request.otherwise.mount.plate) == (plate, "pegs")
+        assert (request.scene.mount.plate, request.otherwise.mount.plate) == (plate, "auto")
     for printed, printer in ((False, "prusa-mk4"), (True, "sls"), (True, "form-3")):
         request = prepare(square, supports="auto", print=printed, printer=printer)
         assert request.otherwise is None and not request.why_supported

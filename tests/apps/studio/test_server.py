@@ -425,5 +425,5 @@ def test_a_slow_tab_gets_the_latest_frame_alone() -> None:
 def test_a_preview_says_what_is_lost_and_draws_it() -> None:
     figures, panels = pictures.preview(["text:I"], options_from({"width": 150}))
     assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)
-    assert len(figures["panels"]) == len(panels) > 1 and "150 x" in figures["panels"][0]
+    assert len(figures["panels"]) == len(panels) == 1
     assert {max(Image.open(io.BytesIO(png)).size) for png in panels} == {720}
