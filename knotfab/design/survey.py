@@ -30,7 +30,7 @@ from knotfab.design.settings import suit_settings
 from knotfab.design.small import SmallParts
 from knotfab.knots import read_start
 from knotfab.picture.lamps import Separation
-from knotfab.picture.opening import Loss, find_losses, open_by, opening_iou, run_together
+from knotfab.picture.opening import Loss, find_losses, open_by, run_together
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import holes_of, opened_share, pieces_of, trace_polygon
 from knotfab.scene.camera import camera_of
@@ -43,7 +43,6 @@ SPILL = 0.05  # what is drawn beside a picture counts from this share of its are
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _ROOTS = 0.09  # area of roots over the square of the picture's longer side, as built: .08 to .10
 _SPARE = 0.3  # tolerance of a simplified outline, px
-_HOPELESS = 0.45  # IoU of strokes drawn too thick, below which no search helps
 _BLOBS = 0.3  # share of strokes that run together, above which they are no drawing
 _FEW = 200  # pieces and holes up to which polygons are opened, and not pixels
 
@@ -129,7 +128,9 @@ def survey(
         InputError: the pictures do not fit the scene.
     """
     frames = len(targets) if sequence else 0
-    targets = [_hardest(targets)] if sequence else targets
+    if sequence:  # the frame of a few whose opening by a usual tube is worst
+        few = targets[:: -(-len(targets) // 24)]
+        targets = [min(few, key=lambda t: opened_share(t.mask))]
     views = _survey_views(scene, targets)
     refusal = find_refusal(views, scene, sequence)
     radius = scene.thinnest_mm
@@ -202,15 +203,15 @@ def _choose_tube(
     question = ask(scene, targets)
     settings = suit_settings(scene.settings, question, scene.search)
     radius, knots = question.scene.piece.tube_radius_mm, question.scene.piece.knots
-    one = len(targets) == 1
     if radius is None and settings.start:
         radius = read_start(Path(settings.start)).radius_mm
     if radius is None:
-        choice = choose_radius(question, settings, knots, placed=not one)
+        choice = choose_radius(question, settings, knots, placed=len(targets) > 1)
         return question, choice.radius_mm, choice.template, choice.small
-    if not one:
-        return question, radius, None, None
-    return question, radius, make_template(question.problem.views[0], radius, knots), None
+    template = None
+    if len(targets) == 1:
+        template = make_template(question.problem.views[0], radius, knots)
+    return question, radius, template, None
 
 
 def _add_losses(
@@ -270,12 +271,6 @@ def _outline_mm2(seen: ViewSurvey, mount: Mount) -> float:
     return float(filled.area) / px**2
 
 
-def _hardest(targets: Sequence[Target]) -> Target:
-    """Return the frame whose opening by a usual tube is worst."""
-    few = targets[:: -(-len(targets) // 24)]
-    return min(few, key=lambda t: opened_share(t.mask))
-
-
 def require_drawable(found: Survey) -> None:
     """Raise the survey's refusal, a SceneError, if it has one."""
     if found.refusal is not None:
@@ -287,36 +282,25 @@ def find_refusal(
 ) -> SceneError | None:
     """Return the error with which a build refuses pictures at once, None if a search may succeed.
 
-    It refuses a picture that no tube shows recognisably, unless the scene accepts that, and one of strokes
-    much thinner than the tube. A tube draws such strokes too thick, at an IoU of the ratio of the widths.
+    It refuses a picture that no tube shows recognisably, unless the scene accepts that, and one of lines
+    that run together.
     """
     for one in () if "unrecognisable" in scene.accuracy.accept else views:
         if one.likeness is not None and not one.likeness.recognisable:
             return _refuse_unlike(one, one.likeness, scene)
-    if len(views) > 1 or sequence or scene.piece.tube_radius_mm is not None:
+    seen, given = views[0], scene.piece.tube_radius_mm is not None
+    if len(views) > 1 or sequence or given or seen.together <= _BLOBS:
         return None
-    printer, (seen,) = scene.printer, views
-    thinnest = printer.min_tube_radius_mm
-    radius = thinnest * seen.px_per_mm
-    otherwise = "--lines on, or --thicken auto"
-    if seen.view.lines:
-        if seen.together <= _BLOBS:
-            return None
-        drawn, otherwise = recognisable_radius(seen.target.asked, radius), ""
-        why = (
-            "its lines are too close together for any printable tube: as wide as one of "
-            f"{2 * line_radius(seen.view):g} mm, {seen.together:.0%} of them run together"
-        )
-    # wider than two tubes: the opening keeps half of it or more
-    elif seen.likeness is None or opening_iou(seen.polygon, radius) >= _HOPELESS:
-        return None
-    else:
-        drawn = drawing_radius(seen.polygon, radius)
-        if drawn is not None and drawn / radius >= _HOPELESS:
-            return None
-        why = f"it is too fine for any printable tube: {printer.name} prints none under {2 * thinnest:g} mm"
-    pixels = (seen.target.width, seen.target.height)
-    return too_fine(drawn, seen.view, pixels, printer, why, otherwise)
+    radius = scene.printer.min_tube_radius_mm * seen.px_per_mm
+    return too_fine(
+        recognisable_radius(seen.target.asked, radius),
+        seen.view,
+        (seen.target.width, seen.target.height),
+        scene.printer,
+        "its lines are too close together for any printable tube: as wide as one of "
+        f"{2 * line_radius(seen.view):g} mm, {seen.together:.0%} of them run together",
+        "",
+    )
 
 
 def _refuse_unlike(seen: ViewSurvey, likeness: Likeness, scene: ResolvedScene) -> SceneError:

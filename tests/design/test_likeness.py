@@ -143,7 +143,6 @@ def test_noise_is_refused_without_a_polygon_being_opened(
     for where, name in (
         (survey_module, "find_losses"),
         (survey_module, "ask"),
-        (survey_module, "opening_iou"),
         (survey_module, "drawing_radius"),
     ):
         monkeypatch.setattr(where, name, lambda *_, name=name: opened.append(name))
