@@ -32,7 +32,7 @@ from knotfab.report.report import (
     write_report_json,
 )
 from knotfab.report.rows import list_rows
-from knotfab.report.setup import draw_sheets, write_setup
+from knotfab.report.setup import write_setup
 from knotfab.report.supports import report_supports
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
@@ -60,11 +60,11 @@ def report_piece(
         return _report_unbuilt(piece, request)
     mounted, printing = part.mounted, request.printing
     cameras = cameras_of(piece.scene.views, piece.targets)
-    sheets, drawings, access = None, list[str](), None
+    drawings, access = list[str](), None
     if printing:
         with progress.stage("drawings"):  # while the validators measure
-            sheets = draw_sheets(mounted, piece.scene, cameras)
-            drawings = write_drill_template(folder.work, mounted, cameras[0], piece.suffix)
+            drawings = write_setup(folder.work, mounted, piece.scene, cameras, piece.suffix)
+            drawings += write_drill_template(folder.work, mounted, cameras[0], piece.suffix)
             access = find_access(part)
     with progress.stage("verify"):
         said = _read_back(folder, piece)
@@ -73,10 +73,6 @@ def report_piece(
         checks = [*verdict.checks, *(check for check in own if check is not None)]
     _prefer_other_way(request, checks)
     sliced = _wait_for_slicer(piece, progress)
-    if sheets is not None:
-        with progress.stage("drawings"):
-            costs = [view.misplacement for view in verdict.views] or [None for _ in cameras]
-            drawings = [*write_setup(folder.work, sheets, costs, piece.suffix), *drawings]
     with progress.stage("report"):
         checks += [] if sliced is None else [check_slicing(sliced)]
         _prefer_other_way(request, checks)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import count
 from math import atan2, degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +28,6 @@ Box = tuple[float, float, float, float]  # left, bottom, right, top
 
 OVERLAP_MM = 10.0  # neighbouring pages share this
 RULER_MM = 100.0
-FULL_SIZE = "print at 100 %, not fitted to the page"
 _HEAD_MM = 16.0  # room at the foot of each page for the ruler and the page's name
 
 
@@ -69,17 +69,17 @@ def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
 
     def along(low: float, size: float, room: float) -> list[float]:
         step = room - OVERLAP_MM
-        count = max(1, int(np.ceil((size - OVERLAP_MM) / step - 1e-9)))
-        covered = count * step + OVERLAP_MM
-        return [low - 0.5 * (covered - size) + k * step for k in range(count)]
+        pages = max(1, int(np.ceil((size - OVERLAP_MM) / step - 1e-9)))
+        spare = pages * step + OVERLAP_MM - size
+        return [low - 0.5 * spare + k * step for k in range(pages)]
 
     columns = along(left, right - left, wide)
     rows = along(bottom, top - bottom, high)[::-1]
     return [Tile(r, c, x, y) for r, y in enumerate(rows) for c, x in enumerate(columns)]
 
 
-def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
-    """Write the pages as one PDF, byte for byte reproducible; return the number of pages."""
+def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> None:
+    """Write the pages as one PDF, byte for byte reproducible."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
@@ -90,35 +90,37 @@ def write_pages(path: Path, title: str, pages: Iterable[Figure]) -> int:
         "font.family": "DejaVu Sans",
     }
     about = {"CreationDate": None, "Title": title, "Creator": "knotfab"}
-    count = 0
     with rc_context(settings), PdfPages(path, metadata=about) as pdf:
         for page in pages:
             choose_fonts(page)
             pdf.savefig(page)
-            count += 1
-    return count
 
 
 def choose_fonts(page: Figure) -> None:
     """Set fonts for each text of a page; characters that no font has become their code points."""
     from matplotlib.text import Text
 
+    def name_letters(found: re.Match[str]) -> str:
+        more = " …" if len(found[0]) > 1 else ""
+        return f"[no font here for U+{ord(found[0][0]):04X}{more}]"
+
     for text in page.findobj(Text):
         assert isinstance(text, Text)
-        families, lacking = ["DejaVu Sans"], ""
-        for letter in dict.fromkeys(text.get_text()):
-            if letter.isspace():
-                continue
-            try:
-                path = find_font(letter, supply_fonts(None), "the page")
-            except InputError:
-                lacking += letter
-            else:
-                families.append(_family_of(path))
-        text.set_fontfamily(list(dict.fromkeys(families)))
-        if lacking:
-            run = re.compile(f"[{re.escape(lacking)}]+")
-            text.set_text(run.sub(_name_letters, text.get_text()))
+        paths = {letter: _font_of(letter) for letter in dict.fromkeys(text.get_text())}
+        families = [_family_of(path) for path in paths.values() if path]
+        text.set_fontfamily(list(dict.fromkeys(["DejaVu Sans", *families])))
+        if lacking := "".join(letter for letter, path in paths.items() if path is None):
+            run = f"[{re.escape(lacking)}]+"
+            text.set_text(re.sub(run, name_letters, text.get_text()))
+
+
+@cache
+def _font_of(letter: str) -> str | None:
+    """Return the path of a font that has a letter, "" for a space, None if no font has it."""
+    try:
+        return "" if letter.isspace() else find_font(letter, supply_fonts(None), "the page")
+    except InputError:
+        return None
 
 
 @cache
@@ -130,10 +132,9 @@ def _family_of(path: str) -> str:
     return FontProperties(fname=path).get_name()
 
 
-def _name_letters(found: re.Match[str]) -> str:
-    """Replace characters that no installed font has by their code points."""
-    more = " …" if len(found[0]) > 1 else ""
-    return f"[no font here for U+{ord(found[0][0]):04X}{more}]"
+def write(axes: Axes, at: Sequence[float] | Array, text: str, **style: Any) -> None:
+    """Write a text at a point (2,) of the page, mm."""
+    axes.text(float(at[0]), float(at[1]), text, **style)
 
 
 def make_page(paper: Paper) -> tuple[Figure, Axes]:
@@ -162,50 +163,6 @@ def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") ->
     axes.text(right, paper.margin + 10.5, note, size=6, ha="right", va="top")
     axes.text(right, paper.margin + 7, what, size=7, ha="right", va="top")
     axes.text(right, paper.margin + 3.5, f"{paper.name}, {page}", size=6, ha="right", va="top")
-
-
-def draw_facts(paper: Paper, title: str, facts: Sequence[str], page: str, before: str) -> Figure:
-    """Draw a page of text with a ruler."""
-    figure, axes = make_page(paper)
-    top = paper.height - paper.margin
-    axes.text(paper.margin, top, title, size=14, va="top")
-    for k, line in enumerate(facts):
-        axes.text(paper.margin, top - 14 - 5.2 * k, line, size=8, va="top")
-    draw_ruler(axes, paper, before)
-    draw_foot(axes, paper, page, "")
-    return figure
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A full-size drawing that may span several pages: its bounds, mm, and a function to draw it.
-
-    `draw` is handed a page's axes, the shift (2,), mm, from the drawing to it, and the window to clip by.
-    """
-
-    title: str
-    box: Box
-    draw: Callable[[Axes, Array, Rectangle], None]
-
-
-def draw_tiled(
-    paper: Paper, title: str, facts: Sequence[str], drawings: Sequence[Drawing], before: str
-) -> Iterator[Figure]:
-    """Draw a page of text, then pages that cover each drawing; `before` is as for `draw_ruler`."""
-    tiled = [(drawing, lay_tiles(drawing.box, paper)) for drawing in drawings]
-    total = 1 + sum(len(tiles) for _, tiles in tiled)
-    yield draw_facts(paper, title, facts, f"page 1 of {total}", before)
-    number = 1
-    for drawing, tiles in tiled:
-        for tile in tiles:
-            number += 1
-            where = f", row {tile.row + 1}, column {tile.column + 1}" if len(tiles) > 1 else ""
-            figure, axes, shift, window = draw_tile(paper, tile)
-            draw_ruler(axes, paper, before)
-            page = f"page {number} of {total}"
-            draw_foot(axes, paper, page, f"{drawing.title}{where}", FULL_SIZE)
-            drawing.draw(axes, shift, window)
-            yield figure
 
 
 def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]:
@@ -264,14 +221,10 @@ class Scaled:
 def fit_scale(points: Array, zone: Box) -> Scaled:
     """Return the largest usual scale at which points (n, 2), mm, fit into `zone` (mm), centred there."""
     low, high = points.min(axis=0), points.max(axis=0)
-    size = high - low
     room = np.array([zone[2] - zone[0], zone[3] - zone[1]])
-    least = float((size / room).max())
-    ratio, power = _STEPS[0], 1.0
-    while ratio < least * (1 - 1e-9):
-        usual = [s * power for s in _STEPS if s * power >= least * (1 - 1e-9)]
-        power *= 10.0
-        ratio = usual[0] if usual else power
+    least = float(((high - low) / room).max()) * (1 - 1e-9)
+    usual = (step * 10.0**power for power in count() for step in _STEPS)
+    ratio = next(ratio for ratio in usual if ratio >= least)
     middle = (low + high) / 2
     there = np.array([zone[0] + zone[2], zone[1] + zone[3]]) / 2
     x, y = there - middle / ratio
@@ -305,51 +258,38 @@ def draw_dimension(
     inside = reach >= 9.0  # room for the text between two arrows
     axes.plot(*ends.T, color=color, lw=_LINE)
     for tip, sign in zip(ends, (1.0, -1.0) if inside else (-1.0, 1.0), strict=True):
-        _arrow(axes, tip, sign * unit, color)
-    angle = degrees(atan2(unit[1], unit[0]))
-    if angle > 90.0 + 1e-6 or angle <= -90.0 + 1e-6:
-        angle -= 180.0 if angle > 0 else -180.0
-    turn = np.radians(angle)
-    above = np.array([-np.sin(turn), np.cos(turn)])
-    reading = np.array([np.cos(turn), np.sin(turn)])
+        back = tip + sign * _ARROW_MM * unit
+        across = 0.25 * _ARROW_MM * np.array([-unit[1], unit[0]])
+        axes.fill(*np.stack([tip, back + across, back - across]).T, color=color, lw=0)
+    reading = unit if unit[0] > 1e-8 or (unit[0] > -1e-8 and unit[1] > 0) else -unit
+    angle = degrees(atan2(reading[1], reading[0]))
+    above = np.array([-reading[1], reading[0]])
     if inside:
         at, align = ends.mean(axis=0) + 0.6 * above, "center"
     else:
         at = max(ends, key=lambda p: float(p @ reading)) + 2.2 * reading - 0.8 * above
         align = "left"
-    axes.text(
-        float(at[0]),
-        float(at[1]),
-        text,
-        size=_TEXT,
-        color=color,
-        rotation=angle,
-        rotation_mode="anchor",
-        ha=align,
-        va="baseline",
-    )
-
-
-def _arrow(axes: Axes, tip: Array, into: Array, color: str) -> None:
-    """Draw a filled arrowhead with its point at `tip` and its shaft in direction `into`."""
-    side = np.array([-into[1], into[0]])
-    back = tip + _ARROW_MM * into
-    head = np.stack([tip, back + 0.25 * _ARROW_MM * side, back - 0.25 * _ARROW_MM * side])
-    axes.fill(*head.T, color=color, lw=0)
+    turned = {"rotation": angle, "rotation_mode": "anchor"}
+    write(axes, at, text, size=_TEXT, color=color, ha=align, va="baseline", **turned)
 
 
 def project_outlines(solids: Iterable[Manifold], axes: Array) -> list[Array]:
     """Return the outlines (n, 2) of solids seen along `axes[2]`, in the coordinates of `axes[:2]` (mm).
 
+    Outer outlines turn counter-clockwise, those of holes clockwise.
+
     Args:
         axes: (3, 3) orthonormal rows, right-handed; the last one points to the viewer.
-
-    Outer outlines turn counter-clockwise, those of holes clockwise; corners within 0.02 mm of a
-    straight line are left out.
     """
+    onto = np.pad(axes, ((0, 0), (0, 1)))
+    return outlines_of(solid.transform(onto) for solid in solids)
+
+
+def outlines_of(solids: Iterable[Manifold], within_mm: float = 0.02) -> list[Array]:
+    """Return the outlines (n, 2) of solids seen from above; corners nearly on a line are left out."""
     from manifold3d import CrossSection
 
     flat = CrossSection()
     for solid in solids:
-        flat += solid.transform(np.pad(axes, ((0, 0), (0, 1)))).project()
-    return [np.asarray(p, dtype=np.float64) for p in flat.simplify(0.02).to_polygons()]
+        flat += solid.project()
+    return [np.asarray(p, dtype=np.float64) for p in flat.simplify(within_mm).to_polygons()]

@@ -1,8 +1,7 @@
-"""The drill template of a piece on dowels: its holes at full size, to be taped to the wall."""
+"""What is printed at full size: the holes of a piece on dowels, and the marks for a photograph."""
 
 from __future__ import annotations
 
-from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,11 +14,11 @@ from knotfab.hold.placement import Placement, placement_of
 from knotfab.render.pages import (
     PAPERS,
     RULER_MM,
-    Drawing,
     Paper,
     draw_foot,
     draw_ruler,
-    draw_tiled,
+    draw_tile,
+    lay_tiles,
     length,
     make_page,
     write_pages,
@@ -27,12 +26,13 @@ from knotfab.render.pages import (
 from knotfab.scene.camera import Camera
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
 SPARE_DEPTH_MM = 1.0  # a hole is so much deeper than its dowel
-LISTED = 40  # holes on the page of words
+FULL_SIZE = "print at 100 %, not fitted to the page"
 
 
 def write_drill_template(
@@ -41,7 +41,7 @@ def write_drill_template(
     """Write drill-template-a4.pdf and drill-template-letter.pdf of a wall mount on dowels.
 
     They print at full size and show the frame from the lamp's side, each hole a circle of its
-    drill's diameter with cross hairs and a number. The same piece gives the same bytes.
+    drill's diameter with cross hairs, its number and its drill. The same piece gives the same bytes.
 
     Args:
         suffix: of the files' names.
@@ -53,38 +53,29 @@ def write_drill_template(
         return []
     place = placement_of(mounted, camera)
     across = np.array([peg.drill_mm for peg in mounted.wall.pegs])
-    facts = _list_facts(place, across, mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
-    half = np.array(place.frame_mm) / 2 + 4.0  # mm around the frame
+    deep = length(mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
     reach = np.abs(place.holes).max(axis=0) + across.max()
-    x, y = (float(v) for v in np.maximum(half, reach))
-    shown = Drawing("drill template", (-x, -y, x, y), partial(_draw_holes, place, across))
+    x, y = (float(v) for v in np.maximum(np.array(place.frame_mm) / 2 + 4.0, reach))
     names = []
     for key, paper in PAPERS.items():
+        tiles = lay_tiles((-x, -y, x, y), paper)
+        pages: list[Figure] = []
+        said = f"{len(across)} holes, each with the drill beside its number (mm), {deep} mm deep, "
+        said += "square to the wall. Arrow up, dashed line level."
+        if len(tiles) > 1:
+            said += " Lay the crosses of neighbouring pages on each other."
+        for number, tile in enumerate(tiles, start=1):
+            figure, axes, shift, window = draw_tile(paper, tile)
+            _draw_holes(place, across, axes, shift, window)
+            axes.text(paper.margin, paper.margin + 14.5, said, size=6.5, va="top")
+            draw_ruler(axes, paper, "drill")
+            where = f", row {tile.row + 1}, column {tile.column + 1}" if len(tiles) > 1 else ""
+            page = f"page {number} of {len(tiles)}"
+            draw_foot(axes, paper, page, f"drill template{where}", FULL_SIZE)
+            pages.append(figure)
         names.append(f"drill-template{suffix}-{key}.pdf")
-        pages = draw_tiled(paper, "Drill template, full size", facts, [shown], "drill")
         write_pages(folder / names[-1], "Drill template at full size", pages)
     return names
-
-
-def _list_facts(place: Placement, across: Array, deep: float) -> list[str]:
-    """Write the page of words: what to do, and the table of holes."""
-    bits = sorted({ceil(10 * a - 1e-6) / 10 for a in across})  # bits are sold with no more digits
-    lines = [
-        "Print all pages at 100 %, not fitted to the page.",
-        f"Measure the ruler: it must be {length(RULER_MM)} mm long. If it is not, do not drill.",
-        "Lay the crosses of neighbouring pages on each other and tape them together.",
-        "Tape the sheet to the wall, the arrow up, the dashed line level, and drill through it:",
-        f"{len(across)} holes, {length(deep)} mm deep, square to the wall, with a drill of "
-        f"{' / '.join(length(b) for b in bits)} mm.",
-        "",
-        "hole: to the right and up from the middle of the frame, diameter (mm)",
-    ]
-    for number, ((x, y), wide) in enumerate(zip(place.holes, across, strict=True), start=1):
-        if number > LISTED:
-            lines.append("and so on: all are drawn")
-            break
-        lines.append(f"{number:3d}:   {x:8.1f}   {y:8.1f}   {wide:5.1f}")
-    return lines
 
 
 def _draw_holes(place: Placement, across: Array, axes: Axes, off: Array, window: Rectangle) -> None:
@@ -94,29 +85,25 @@ def _draw_holes(place: Placement, across: Array, axes: Axes, off: Array, window:
     x, y = place.frame_mm[0] / 2, place.frame_mm[1] / 2
     corner = off - (x, y)
     frame = Rectangle((float(corner[0]), float(corner[1])), 2 * x, 2 * y, fill=False, lw=0.5)
-    axes.add_patch(frame)
-    frame.set_clip_path(window)
-    drawn = []
+    drawn: list[Artist] = [axes.add_patch(frame)]
     for ends in ([[-x, 0], [x, 0]], [[0, -y], [0, y]]):
         drawn += axes.plot(*(np.array(ends) + off).T, color="0.5", lw=0.25, ls=(0, (12, 6)))
-    for (u, v), wide in zip(place.holes + off, across, strict=True):
-        circle = Circle((u, v), wide / 2, fill=False, lw=0.4)
-        axes.add_patch(circle)
-        circle.set_clip_path(window)
+    left, top = window.get_x(), window.get_y() + window.get_height()
+    for number, ((u, v), wide) in enumerate(zip(place.holes + off, across, strict=True), start=1):
+        drawn.append(axes.add_patch(Circle((u, v), wide / 2, fill=False, lw=0.4)))
         arm = wide / 2 + 1.5
         drawn += axes.plot([u - arm, u + arm], [v, v], color="black", lw=0.2)
         drawn += axes.plot([u, u], [v - arm, v + arm], color="black", lw=0.2)
+        if left <= u <= left + window.get_width() - 4 and window.get_y() <= v <= top - 4:
+            axes.text(u + wide / 2 + 0.4, v + 0.8, str(number), size=7, color="#a00")
+            bit = length(ceil(10 * wide - 1e-6) / 10)  # bits are sold with no more digits
+            axes.text(u + wide / 2 + 0.4, v - 0.8, bit, size=5, va="top", color="0.4")
     # the arrow: at the frame's upper edge and, so that each page has one, at the window's
-    left, top = window.get_x(), window.get_y() + window.get_height()
     for at in ((float(off[0]) + 12.0, float(off[1]) + y - 18.0), (left + 14.0, top - 18.0)):
         drawn += axes.plot([at[0]] * 2, [at[1], at[1] + 9.0], color="#c00", lw=1.0)
         drawn += axes.plot(at[0], at[1] + 9.0, "^", ms=6, color="#c00", mew=0)
-    for line in drawn:
-        line.set_clip_path(window)
-    right = left + window.get_width()
-    for number, (u, v) in enumerate(place.holes + off, start=1):
-        if left <= u <= right - 4 and window.get_y() <= v <= top - 4:
-            axes.text(u + across[number - 1] / 2 + 0.4, v + 0.8, str(number), size=7, color="#a00")
+    for one in drawn:
+        one.set_clip_path(window)
     axes.text(left + 16.0, top - 13.0, "up", size=8, color="#c00")
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import radians, sin
 from typing import TYPE_CHECKING
 
+from knotfab.render.pages import length
 from knotfab_formats.report import EffectLine, LimitLine
 from knotfab_formats.verdict import Misplacement, Sag, Verdict, View, WorstMove
 
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
     from knotfab.problem import SearchResult
     from knotfab_formats.scene import ResolvedScene
 
+# how the report's keys read
+LAMP_WAYS = {"right": "to the side", "up": "up or down", "towards": "nearer or farther"}
+TURN_WAYS = {"up": "left or right", "right": "forward or back", "axis": "like a wheel"}
 _GAIN = 0.01  # a gain of brightness error from which on a nearer wall is worth a word
 
 
@@ -139,10 +144,12 @@ def tell_move(
     Args:
         threads_apart_mm: distance of the two threads that the piece hangs on.
     """
-    from knotfab.report.setup_words import LAMP_WAYS, TURN_WAYS, tell_turn
-
     if move.of == "turn":
-        return tell_turn(move.way, off.turn_deg, threads_apart_mm)
+        if threads_apart_mm is None or move.way == "right":
+            return f"the piece turned by {off.turn_deg:g}° {TURN_WAYS[move.way]}"
+        apart = length(threads_apart_mm * sin(radians(off.turn_deg)))
+        how = "nearer the wall" if move.way == "up" else "longer"
+        return f"one thread {apart} mm {how} than the other"
     if move.of == "tilt":
         return f"the wall tilted by {off.tilt_deg:g}° {TURN_WAYS[move.way]}"
     what = "eye" if kind == "eye" else "lamp"

@@ -1,242 +1,272 @@
-"""The drawing from above of a piece with several views: where all lamps and walls stand about it."""
+"""Drawings of a mount: from the side, from the front, and from above where it has several views."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.hold.lamp_frame import ROD_MM, Bar, Table
+from knotfab.hold.lamp_frame import Table
 from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement
 from knotfab.render.pages import (
-    PAPERS,
     Box,
     Scaled,
     draw_dimension,
     fit_scale,
     length,
-    make_page,
+    outlines_of,
     project_outlines,
+    write,
 )
-from knotfab.report.setup_words import (
-    FAINT,
-    INK,
-    LIGHT,
-    PIECE,
-    WORDS,
-    cross,
-    draw_lamp,
-    fill,
-    hatch,
-    lamp_name,
-    note,
-)
+from knotfab.report.setup_words import lamp_name, level_wall
 from knotfab_formats.views import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-ZONE: Box = (22.0, 40.0, 188.0, 250.0)  # the drawing's place on the page
-BESIDE_MM = 12.0  # the wall reaches so far beside its frame
+SIDE: Box = (20.0, 196.0, 184.0, 260.0)  # the place on the page of each drawing
+FRONT: Box = (18.0, 56.0, 104.0, 152.0)
+ABOVE: Box = (26.0, 40.0, 184.0, 250.0)
+ABOVE_WORDS: Box = (26.0, 92.0, 184.0, 250.0)  # the same where words stand below it
+BESIDE_MM = 12.0  # a wall reaches so far beside its frame
+INK, PIECE, LIGHT, FAINT, SHADOW, MEASURE = "black", "#8a8478", "#e0a400", "0.6", "0.82", "#06c"
 
 
-def plan_sheet(mounted: Mounted, places: Sequence[Placement], views: Sequence[View]) -> Figure:
-    """Draw one page of A4 with everything from above, the first lamp below the piece.
+def draw_side(axes: Axes, mounted: Mounted, place: Placement, view: View) -> Scaled:
+    """Draw lamp, piece and wall from the left of someone at the lamp, which is at the right."""
+    # axes to the right of the page: level towards the lamp; the viewer is at the piece's left
+    seen = np.stack([place.level[2], place.level[1], -place.level[0]])
+    piece = project_outlines(mounted.solids, seen)
+    lamp = seen[:2] @ place.lamp
+    frame, wall = _wall_lines(place, seen)
+    ends = np.concatenate([*piece, frame, wall, lamp[None]])
+    to = fit_scale(ends, SIDE)
+    bottom = float(to(ends)[:, 1].min())
+    _draw_light(axes, to, lamp, frame, seen[:2] @ place.middle, view)
+    _fill(axes, [to(p) for p in piece], PIECE)
+    _draw_wall(axes, to(wall), to(frame))
+    write(axes, to(lamp) + (0, 3.2), lamp_name(view), size=7, ha="center")
+    write(axes, to(wall[1]) + (1.0, 1.5), "wall", size=7, ha="left")
+    middle, on_wall, at_lamp = to(np.zeros(2)), to(seen[:2] @ place.middle), to(lamp)
+    _cross(axes, middle, 2.0, 0.4)
+    for a, b, row, value in (
+        (on_wall, middle, 5.0, view.wall_distance_mm),
+        (middle, at_lamp, 5.0, view.light_distance_mm),
+        (on_wall, at_lamp, 11.0, view.wall_distance_mm + view.light_distance_mm),
+    ):
+        down = bottom - row
+        draw_dimension(axes, (a[0], down), (b[0], down), (0, 0), length(value))
+        for p in (a, b):
+            axes.plot([p[0], p[0]], [p[1] - 3, down - 1], color=MEASURE, lw=0.2)
+    if place.base is not None:
+        desk, gap = place.base.bottom, level_wall(place, place.base.bottom)
+        at = (gap, place.base.back, place.base.front, lamp[0], lamp[0] + 20.0)
+        wall_foot, back, front, foot, end = to(np.array([[x, desk] for x in at]))
+        axes.plot(*np.stack([wall_foot, end]).T, color=INK, lw=0.8)
+        draw_dimension(axes, foot, at_lamp, (5.0, 0.0), length(float(lamp[1]) - desk))
+        draw_dimension(axes, wall_foot, back, (0.0, 3.5), length(place.base.back - gap))
+        draw_dimension(axes, front, foot, (0.0, 3.5), length(float(lamp[0]) - place.base.front))
+    axes.text(14.0, bottom - 17.0, f"Side view, from the left, {to.name}", size=7.5, va="top")
+    return to
+
+
+def _wall_lines(place: Placement, seen: Array) -> tuple[Array, Array]:
+    """Return frame and wall as lines seen from the side, from below, (2, 2) each."""
+    middle, up = seen[:2] @ place.middle, seen[:2] @ place.wall[1]
+    half = place.frame_mm[1] / 2
+    shown = BESIDE_MM + (half if place.plate_mm is None else place.plate_mm[1] / 2)
+    top = max(shown, place.up_mm + BESIDE_MM)
+    low = max(shown, BESIDE_MM - place.up_mm)
+    if place.base is not None:
+        low = max(low, (float(middle[1]) - place.base.bottom) / float(up[1]))
+    frame = np.stack([middle - half * up, middle + half * up])
+    return frame, np.stack([middle - low * up, middle + top * up])
+
+
+def draw_front(axes: Axes, mounted: Mounted, place: Placement) -> Scaled:
+    """Draw the wall as seen from the lamp: frame, shadow, plate, holes, the lamp's foot."""
+    frame = np.array([[-0.5], [0.5]]) * place.frame_mm
+    outer = frame if place.plate_mm is None else np.array([[-0.5], [0.5]]) * place.plate_mm
+    foot_mm = np.array([place.right_mm, place.up_mm])
+    ends = np.concatenate([outer, foot_mm[None]])
+    if place.outline is not None:
+        ends = np.concatenate([ends, place.outline])
+    desk: float | None = None
+    if place.base is not None:
+        rise = float(place.wall[1] @ place.level[1])
+        desk = (place.base.bottom - float(place.level[1] @ place.middle)) / rise
+        ends = np.append(ends, [[0.0, desk]], axis=0)
+    to = fit_scale(ends, FRONT)
+    (x0, y0), (x1, y1) = to(frame)
+    (left, lower), (right, upper) = to(outer)
+    foot, low = to(foot_mm), float(to(ends)[:, 1].min()) - 3.5
+    ground = None if desk is None else float(to(np.array([0.0, desk]))[1])
+    _fill(axes, [to(p) for p in shadow_outlines(mounted, place)], SHADOW, ground)
+    axes.plot([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], color=INK, lw=0.5, ls="--")
+    if place.plate_mm is not None:
+        _draw_outline(axes, to(outer[[[0, 0], [1, 0], [1, 1], [0, 1]], [0, 1]]))
+    elif place.outline is not None:
+        _draw_outline(axes, to(place.outline))
+    write(axes, ((x0 + x1) / 2, y1 - 1.0), "▲ up", size=7, ha="center", va="top")
+    on_plate = place.plate_mm is not None or place.outline is not None
+    for number, hole in enumerate(to(place.holes), start=1):
+        axes.plot(*hole, "o", ms=2.6, mfc="white", mec=INK, mew=0.5, zorder=4)
+        if not on_plate:
+            write(axes, hole + (1.0, 0.4), str(number), size=5, zorder=5)
+    # the lamp's foot is measured from the left and the lower edge of the body on the wall
+    from_left, from_below = (length(v) for v in foot_mm - outer[0])
+    for a, b, text in (
+        ((left, upper + 3.5), (foot[0], upper + 3.5), from_left),
+        ((left - 3.5, lower), (left - 3.5, foot[1]), from_below),
+    ):
+        draw_dimension(axes, a, b, (0, 0), text, color=LIGHT)
+        axes.plot([b[0], foot[0]], [b[1], foot[1]], color=LIGHT, lw=0.25)
+    axes.plot(*foot, "o", ms=5, mfc="none", mec=LIGHT, mew=0.8)
+    _cross(axes, foot, 1.4, 0.5, LIGHT)
+    write(axes, foot + (1.8, 1.2), "opposite the lamp", size=6, color="#8a6500")
+    across = [("frame", x0, x1, place.frame_mm[0])]
+    upright = [(right + 4.5, y0, y1, f"frame {length(place.frame_mm[1])}")]
+    if on_plate and len(place.holes):
+        (a, _), (b, _) = to(place.holes)
+        across.append(("screw holes", a, b, float(np.ptp(place.holes[:, 0]))))
+    if place.plate_mm is not None:
+        across.append(("plate", left, right, place.plate_mm[0]))
+        upright.append((right + 10.0, lower, upper, f"plate {length(place.plate_mm[1])}"))
+    if desk is not None and ground is not None:
+        axes.plot([x0 - 6.0, x1 + 6.0], [ground, ground], color=INK, lw=0.8)
+        write(axes, (x0 - 6.0, ground + 0.8), "desk", size=6.5)
+        upright.append((x1 + 9.0, ground, y0, length(frame[0, 1] - desk)))
+    for x, a, b, text in upright:
+        draw_dimension(axes, (x, a), (x, b), (0, 0), text)
+    for name, a, b, value in across:
+        draw_dimension(axes, (a, low), (b, low), (0, 0), f"{name} {length(value)}")
+        low -= 5.5
+    told = f"Front view, square to the wall, {to.name}. Dashed: the frame; grey: its shadow."
+    write(axes, (14.0, low), told, size=7.5, va="top")
+    return to
+
+
+def shadow_outlines(mounted: Mounted, place: Placement) -> list[Array]:
+    """Outline the shadow on the wall: polygons (n, 2), right and up from the frame's middle, mm."""
+    onto_wall = np.column_stack([place.wall, -place.wall @ place.middle])
+    return outlines_of(
+        (  # a plate's face is the wall
+            body.transform(onto_wall).trim_by_plane([0.0, 0.0, 1.0], 0.01).warp_batch(place.throw)
+            for body in mounted.solids
+        ),
+        within_mm=0.05,
+    )
+
+
+def draw_from_above(
+    axes: Axes, mounted: Mounted, places: Sequence[Placement], views: Sequence[View],
+    table: Table | None, *, shared: bool,
+) -> Scaled:  # fmt: skip
+    """Draw piece, lamps and walls from above, the first lamp below the piece.
 
     Args:
-        places, views: one of each for each view, in the scene's order.
+        places, views: one of each for each lamp. table: the frame that holds lamps and screen, if any.
+        shared: whether all lamps throw on one screen.
     """
-    paper = PAPERS["a4"]
-    figure, axes = make_page(paper)
     right, up, out = places[0].level
     above = np.stack([right, -out, up])  # axes: to the right and up the page, and to the viewer
     piece = project_outlines(mounted.solids, above)
-    walls = [_wall_from_above(place, above) for place in places]
-    lamps = [above[:2] @ place.lamp for place in places]
-    every = np.concatenate([*piece, *walls, np.stack(lamps)])
-    to = fit_scale(every, ZONE)
-    fill(axes, [to(p) for p in piece], PIECE)
-    for place, view, wall, lamp in zip(places, views, walls, lamps, strict=True):
-        _draw_view(axes, place, view, wall, lamp, above, to)
-    cross(axes, to(np.zeros(2)), 2.0, 0.4)
-    left, top = 14.0, paper.height - 12
-    axes.text(left, top, "Setting up", size=15, va="top", gid=WORDS)
-    axes.text(
-        left, top - 8.0,
-        f"From above, {to.name}. Lengths in mm, from the middle of each lamp and of the piece; what counts "
-        "is the figures, not the drawing.",
-        size=6.5, va="top", color="0.35", gid=WORDS,
-    )  # fmt: skip
-    axes.text(
-        left, top - 12.0,
-        (f"{len(views)} pictures, each on its own wall and by its own light. " if len(views) > 1 else "")
-        + ("The front of the base is below in this drawing. " if places[0].base is not None else "")
-        + "The pages that follow place one view each.",
-        size=6.5, va="top", color="0.35", gid=WORDS,
-    )  # fmt: skip
-    return figure
+    lamps = np.stack([above[:2] @ place.lamp for place in places])
+    frames = [_across(place, above, 0.0) for place in places]
+    walls = frames if shared else [_across(place, above, BESIDE_MM) for place in places]
+    bars = []
+    for bar in () if table is None else table.bars:
+        aside = 0.5 * bar.width_mm * np.array([-bar.along[1], bar.along[0]])
+        end = bar.start + bar.length_mm * bar.along
+        bars.append(
+            np.stack([bar.start + aside, end + aside, end - aside, bar.start - aside]) * (1, -1)
+        )
+    every = np.concatenate([*piece, *bars, *walls, lamps])
+    to = fit_scale(every, ABOVE_WORDS if shared else ABOVE)
+    for outline in bars:
+        axes.fill(*to(outline).T, fc="0.9", ec=FAINT, lw=0.4)
+    _fill(axes, [to(p) for p in piece], PIECE)
+    for place, view, lamp, wall, frame in zip(places, views, lamps, walls, frames, strict=True):
+        middle = above[:2] @ place.middle
+        _draw_light(axes, to, lamp, frame, middle, view)
+        _draw_wall(axes, to(wall), to(frame))
+        if shared:
+            write(axes, to(lamp) - (0.0, 3.5), view.name, size=7, ha="center", va="top")
+        else:
+            _dimension_view(axes, to(np.stack([lamp, middle, np.zeros(2)])), view, to.ratio)
+    _cross(axes, to(np.zeros(2)), 2.0, 0.4)
+    if shared:
+        screen, where = above[:2] @ places[0].middle, length(views[0].wall_distance_mm)
+        write(axes, to(screen) + (0.0, 3.0), f"screen: {where} behind", size=7, ha="center")
+    return to
 
 
-def _wall_from_above(place: Placement, above: Array, beside: float = BESIDE_MM) -> Array:
-    """Return a wall from above, `beside` mm past its frame, at its middle's height, (n, 2)."""
+def _across(place: Placement, above: Array, beside: float) -> Array:
+    """Return a wall from above, `beside` mm past its frame, at its middle's height, (2, 2)."""
     reach = place.frame_mm[0] / 2 + beside
     points = place.middle + np.array([[-reach], [reach]]) * place.wall[0]
     return np.asarray(points @ above[:2].T)
 
 
-def _draw_view(
-    axes: Axes, place: Placement, view: View, wall: Array, lamp: Array, above: Array, to: Scaled
-) -> None:
-    """Draw one view's lamp, wall, frame and rays, with how far lamp and wall are from the middle."""
-    frame = _wall_from_above(place, above, 0.0)
-    for end in frame[[0, -1]]:
-        axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
-    axis = to(np.stack([lamp, above[:2] @ place.middle]))
-    axes.plot(*axis.T, color=FAINT, lw=0.3, ls="-.")
-    axes.plot(*to(wall).T, color=INK, lw=0.8)
-    axes.plot(*to(frame).T, color=INK, lw=1.8, solid_capstyle="butt")
-    hatch(axes, to(wall))
-    draw_lamp(axes, axis[0], view.light_size_mm / to.ratio)
-    along = (axis[1] - axis[0]) / np.linalg.norm(axis[1] - axis[0])
-    # mm of the page, from a view's axis to its dimensions
-    aside = 4.0 * np.array([-along[1], along[0]])
-    middle = to(np.zeros(2))
-    levelled = float(np.cos(np.deg2rad(view.elevation_deg)))
-    draw_dimension(axes, axis[0], middle, aside, length(view.light_distance_mm * levelled))
-    draw_dimension(
-        axes, middle, axis[1], aside, length(float(np.linalg.norm(axis[1] - middle)) * to.ratio)
-    )
+def _dimension_view(axes: Axes, ends: Array, view: View, ratio: float) -> None:
+    """Name a view's lamp and wall, and dimension both from the middle: `ends` are these three places."""
+    lamp, wall, middle = ends
+    along = (wall - lamp) / np.linalg.norm(wall - lamp)
+    aside = 4.0 * np.array([-along[1], along[0]])  # from a view's axis to its dimensions
+    levelled = view.light_distance_mm * float(np.cos(np.deg2rad(view.elevation_deg)))
+    draw_dimension(axes, lamp, middle, aside, length(levelled))
+    draw_dimension(axes, middle, wall, aside, length(float(np.linalg.norm(wall - middle)) * ratio))
     # along the wall, read from below or from the right
     turn = (float(np.degrees(np.arctan2(aside[1], aside[0]))) + 89.9) % 180.0 - 89.9
-    style = {"size": 7, "ha": "center", "va": "center", "rotation": turn}
-    note(axes, axis[0] - 5.0 * along, f"{lamp_name(view)}: {view.name}", **style)
-    note(axes, axis[1] + 5.0 * along, f"wall: {view.name}", **style)
+    for at, name in ((lamp - 5.0 * along, lamp_name(view)), (wall + 5.0 * along, "wall")):
+        write(axes, at, f"{name}: {view.name}", size=7, ha="center", va="center", rotation=turn)
 
 
-# The drawing from above of several lamps before one screen, with the frame that holds all of it.
-
-FRAME_ZONE: Box = (26.0, 92.0, 184.0, 262.0)  # the drawing's place on the page
-FRAME_BESIDE_MM = 14.0  # distance on the page from the drawing to its dimensions
-ROW_MM, WIDE = 4.2, 120  # between lines of words, and characters in each
-BAR = "0.9"
-
-
-def lamps_sheet(
-    mounted: Mounted, places: Sequence[Placement], views: Sequence[View], table: Table | None
-) -> Figure:
-    """Draw one page of A4: screen, piece, lamps and frame from above, and where lamps stand.
-
-    Args:
-        places, views: of the lamps, in the scene's order. table: the frame, if there is one.
-    """
-    paper = PAPERS["a4"]
-    figure, axes = make_page(paper)
-    right, up, out = places[0].level
-    above = np.stack([right, -out, up])  # axes: to the right and up the page, and to the viewer
-    piece = project_outlines(mounted.solids, above)
-    lamps = np.stack([above[:2] @ place.lamp for place in places])
-    screen = _wall_from_above(places[0], above, 0.0)
-    bars = [] if table is None else [_bar_outline(bar) for bar in table.bars]
-    to = fit_scale(np.concatenate([*piece, *bars, screen, lamps]), FRAME_ZONE)
-    for bar in bars:
-        axes.fill(*to(bar).T, fc=BAR, ec="0.6", lw=0.4)
-    fill(axes, [to(p) for p in piece], PIECE)
-    axes.plot(*to(screen).T, color=INK, lw=1.8, solid_capstyle="butt")
-    hatch(axes, to(screen))
-    middle, wall = to(np.zeros(2)), to(above[:2] @ places[0].middle)
-    cross(axes, middle, 2.0, 0.4)
-    for place, view, lamp in zip(places, views, lamps, strict=True):
-        for end in screen:
-            axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.3)
-        at = to(lamp)
-        draw_lamp(axes, at, view.light_size_mm / to.ratio)
-        side = 1.0 if lamp[0] >= 0 else -1.0
-        note(axes, at + (4.0 * side, 2.0), view.name, size=7.5, ha="left" if side > 0 else "right")
-        if abs(lamp[0]) > 1.0:
-            low = float(to(lamps)[:, 1].min()) - 8.0 - 5.0 * (side > 0)
-            draw_dimension(
-                axes, (middle[0], low), (at[0], low), (0, 0), length(abs(float(lamp[0])))
-            )
-        assert abs(float(place.level[2] @ place.lamp) - view.light_distance_mm) < 1e-6
-    left = float(to(np.concatenate([screen, lamps, *bars]))[:, 0].min()) - FRAME_BESIDE_MM
-    deep = sorted({round(float(-lamp[1]), 3) for lamp in lamps})
-    draw_dimension(
-        axes, (left, wall[1]), (left, middle[1]), (0, 0), length(views[0].wall_distance_mm)
-    )
-    for number, z in enumerate(deep):
-        x, end = left - 6.0 * number, float(to(np.array([0.0, -z]))[1])
-        draw_dimension(axes, (x, middle[1]), (x, end), (0, 0), length(z))
-    note(axes, wall + (0.0, 3.0), "screen", size=7.5, ha="center")
-    _write_words(axes, paper.height, to.name, places, views, table)
-    return figure
-
-
-def _write_words(
-    axes: object,
-    height: float,
-    scale: str,
-    places: Sequence[Placement],
-    views: Sequence[View],
-    table: Table | None,
+def _draw_light(
+    axes: Axes, to: Scaled, lamp: Array, frame: Array, middle: Array, view: View
 ) -> None:
-    """Write the title and, below the drawing, where each lamp stands."""
-    text = axes.text  # type: ignore[attr-defined]
-    text(14.0, height - 12.0, "Setting up: the lamps", size=15, va="top", gid=WORDS)
-    text(
-        14.0, height - 20.0,
-        f"From above, {scale}. Lengths in mm, from the middle of each lamp and of the piece. "
-        "The pages that follow place one lamp each.",
-        size=6.5, va="top", color="0.35", gid=WORDS,
-    )  # fmt: skip
-    first = places[0]
-    across, high = first.frame_mm
-    middle = float(first.level[1] @ first.middle)
-    lines = [
-        f"The screen's picture is {length(across)} × {length(high)} mm, its middle "
-        f"{_tell_height(middle)} the middle of the piece."
-    ]
-    for place, view in zip(places, views, strict=True):
-        x, y, z = (float(value) for value in place.level @ place.lamp)
-        aside = (
-            f"{length(abs(x))} mm {'right' if x > 0 else 'left'}"
-            if abs(x) > 0.05
-            else "in the middle"
-        )
-        lines.append(
-            f"{view.name}: {aside}, {length(z)} mm before the piece, {_tell_height(y)} its middle"
-            + ("" if table is None else f", {length(y - table.top_mm)} mm above the frame")
-            + "."
-        )
-    if table is not None:
-        files = ", ".join(f"table-{number}.3mf" for number in range(1, table.beds + 1))
-        edge = middle - high / 2 - table.top_mm
-        lines += [
-            f"The picture's lower edge is {length(edge)} mm above the frame, on which its card stands.",
-            f"The frame ({files}) holds all of it: press the bars together, put a card of 3 mm into its slot "
-            f"and rods of {length(ROD_MM)} mm into the holes, each lamp's middle at its height.",
-            "The small hole is right below the middle of the piece."
-            if places[0].base is None
-            else "The stand's foot goes between the low ridges.",
-        ]
-    rows = [row for line in lines for row in textwrap.wrap(line, WIDE)]
-    for number, row in enumerate(rows):
-        text(14.0, 80.0 - ROW_MM * number, row, size=7, va="top", gid=WORDS)
+    """Draw a lamp, its rays to the frame's ends, and its axis."""
+    from matplotlib.patches import Circle
+
+    for end in frame:
+        axes.plot(*to(np.stack([lamp, end])).T, color=LIGHT, lw=0.4)
+    axes.plot(*to(np.stack([lamp, middle])).T, color=FAINT, lw=0.3, ls="-.")
+    at, radius = to(lamp), max(0.5 * view.light_size_mm / to.ratio, 0.5)
+    axes.add_patch(Circle((float(at[0]), float(at[1])), radius, fc=LIGHT, lw=0.3, ec=INK, zorder=3))
+    _cross(axes, at, 2.5, 0.25)
 
 
-def _tell_height(value: float) -> str:
-    """Say how high a point is, as "12 mm above"."""
-    if abs(value) < 0.05:
-        return "level with"
-    return f"{length(abs(value))} mm {'above' if value > 0 else 'below'}"
+def _draw_wall(axes: Axes, wall: Array, frame: Array) -> None:
+    """Draw a wall's line (2, 2) with the frame on it, its back hatched with short strokes."""
+    axes.plot(*wall.T, color=INK, lw=0.8)
+    axes.plot(*frame.T, color=INK, lw=1.8, solid_capstyle="butt")
+    far = float(np.linalg.norm(wall[1] - wall[0]))
+    unit = (wall[1] - wall[0]) / far
+    for s in np.arange(1.5, far, 2.5):
+        at = wall[0] + s * unit
+        axes.plot(*np.stack([at, at + (-unit[1], unit[0]) - unit]).T, color=FAINT, lw=0.3)
 
 
-def _bar_outline(bar: Bar) -> Array:
-    """Return a bar's corners on the page (4, 2), right and down; down leads away from the wall."""
-    aside = 0.5 * bar.width_mm * np.array([-bar.along[1], bar.along[0]])
-    end = bar.start + bar.length_mm * bar.along
-    return np.stack([bar.start + aside, end + aside, end - aside, bar.start - aside]) * [1.0, -1.0]
+def _fill(axes: Axes, polygons: Sequence[Array], color: str, above: float | None = None) -> None:
+    """Fill polygons and their holes as one path; nothing below the height `above` is drawn."""
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as Outline
+
+    if rings := [Outline(np.append(p, p[:1], axis=0), closed=True) for p in polygons]:
+        patch = PathPatch(Outline.make_compound_path(*rings), fc=color, lw=0)
+        axes.add_patch(patch)
+        if above is not None:
+            patch.set_clip_path(Rectangle((0.0, above), 210.0, 297.0, transform=axes.transData))
+
+
+def _draw_outline(axes: Axes, corners: Array) -> None:
+    axes.plot(*np.append(corners, corners[:1], axis=0).T, color=INK, lw=0.8)
+
+
+def _cross(axes: Axes, at: Array, reach: float, width: float, color: str = INK) -> None:
+    """Draw a cross at a point (2,), `reach` mm to each side, in strokes `width` points wide."""
+    for arm in (np.array([reach, 0.0]), np.array([0.0, reach])):
+        axes.plot(*np.stack([at - arm, at + arm]).T, color=color, lw=width)

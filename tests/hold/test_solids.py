@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pieces import EMPTY, OFF, RADIUS, VIEW, camera, one, setup
+from pieces import EMPTY, RADIUS, VIEW, camera, one, setup
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import sweep
@@ -21,7 +21,7 @@ from knotfab.hold.solids import stand_bodies, strut
 from knotfab.hold.stand import StandMount, plan_stand
 from knotfab.hold.struts import join_members
 from knotfab.part.assemble import _choose_pose
-from knotfab.report.setup import draw_sheets, write_setup
+from knotfab.report.setup import write_setup
 from knotfab.report.setup_words import steps_of
 from knotfab.scene.camera import Camera
 from knotfab.scene.catalogue import resolve
@@ -184,7 +184,7 @@ def draw(folder: Path, *azimuths: float) -> tuple[list[str], list[str]]:
         for n, s in enumerate([scene, *(s for _, s, _ in pieces)])
     ]
     whole = scene.model_copy(update={"views": tuple(named)})
-    names = write_setup(folder, draw_sheets(mounted, whole, cameras), [OFF] * len(cameras))
+    names = write_setup(folder, mounted, whole, cameras)
     assert names == ["setup.pdf", "setup.svg"]
     pages = (folder / "setup.pdf").read_bytes().count(b"/MediaBox")
     assert pages == 2 + len(cameras)

@@ -18,13 +18,14 @@ from knotfab.render.pages import (
     PAPERS,
     Tile,
     draw_dimension,
-    draw_facts,
+    draw_ruler,
     draw_tile,
     fit_scale,
     lay_tiles,
     length,
     make_page,
     project_outlines,
+    write,
     write_pages,
 )
 from knotfab.render.part_picture import _normals, draw_faces
@@ -70,8 +71,9 @@ def test_pages_are_of_the_papers_size_and_the_same_bytes_again(
     tmp_path: Path, name: str, size: tuple[float, float]
 ) -> None:
     for path in (tmp_path / "a", tmp_path / "b"):
-        pages = [draw_facts(PAPERS[name], "title", ["a fact"], "page 1 of 1", "drill")]
-        assert write_pages(path, "title", iter(pages)) == 1
+        figure, axes = make_page(PAPERS[name])
+        draw_ruler(axes, PAPERS[name], "drill")
+        write_pages(path, "title", [figure])
     data = (tmp_path / "a").read_bytes()
     assert data == (tmp_path / "b").read_bytes() and b"CreationDate" not in data
     assert page_sizes(tmp_path / "a") == pytest.approx(np.array([size]), abs=0.005)
@@ -81,14 +83,14 @@ def test_pages_are_of_the_papers_size_and_the_same_bytes_again(
 
 
 def test_letters_no_font_has_are_told_by_number(tmp_path: Path) -> None:
-    page = draw_facts(
-        PAPERS["a4"], "пёс ♞", ["\U0010fffd\U0010fffe, ℵ and a"], "page 1 of 1", "drill"
-    )
+    page, axes = make_page(PAPERS["a4"])
+    write(axes, (10, 20), "пёс ♞")
+    write(axes, (10, 10), "\U0010fffd\U0010fffe, ℵ and a")
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # matplotlib warns of letters that it draws as boxes
-        assert write_pages(tmp_path / "a.pdf", "title", [page]) == 1
-    title, fact = (text.get_text() for text in page.axes[0].texts[:2])
-    assert (title, fact) == ("пёс ♞", "[no font here for U+10FFFD …], ℵ and a")
+        write_pages(tmp_path / "a.pdf", "title", [page])
+    told = tuple(text.get_text() for text in axes.texts)
+    assert told == ("пёс ♞", "[no font here for U+10FFFD …], ℵ and a")
 
 
 # Dimensions and scales: exact lengths, readable text, outlines with their holes.
@@ -118,21 +120,17 @@ def test_the_largest_usual_scale_that_fits(size: float, ratio: float) -> None:
 @pytest.mark.parametrize("turn", range(0, 360, 30))
 def test_text_of_a_dimension_can_be_read(turn: int) -> None:
     _, axes = make_page(PAPERS["a4"])
-    along = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
     start = np.array([100.0, 150.0])
-    draw_dimension(axes, start, start + 40 * along, (0, 0), "40")
+    end = start + 40 * np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
+    draw_dimension(axes, start, end, (0, 0), "40")
     (text,) = axes.texts
     assert -90 < ((text.get_rotation() + 180) % 360) - 180 <= 90
-    assert np.linalg.norm(np.array(text.get_position()) - (start + 20 * along)) < 1.0
+    assert np.linalg.norm(np.array(text.get_position()) - (start + end) / 2) < 1.0
     line = np.array(axes.lines[-1].get_data()).T
-    assert line == pytest.approx(np.stack([start, start + 40 * along]))
-
-
-def test_a_short_dimension_has_its_text_beside_it() -> None:
-    _, axes = make_page(PAPERS["a4"])
-    draw_dimension(axes, (100, 100), (103, 100), (0, 5), "3")
-    (text,) = axes.texts
-    assert text.get_position()[0] > 104 and text.get_position()[1] == pytest.approx(105, abs=1)
+    assert line == pytest.approx(np.stack([start, end]))
+    draw_dimension(axes, (100, 100), (103, 100), (0, 5), "3")  # too short: the text is beside it
+    x, y = axes.texts[-1].get_position()
+    assert x > 104 and y == pytest.approx(105, abs=1)
 
 
 def test_the_outline_of_a_ring_has_a_hole() -> None:

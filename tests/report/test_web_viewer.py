@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pages import open_browser
 from pieces import (
-    OFF,
     RADIUS,
     VIEWS,
     bodies_of,
@@ -29,7 +28,7 @@ from reports import LOSS, VERDICT, report_with
 
 from knotfab.report.for_maker import draw_setup, list_files, tell_setup
 from knotfab.report.page import VIEWER, Picture, render_html
-from knotfab.report.setup import draw_sheets, write_setup
+from knotfab.report.setup import write_setup
 from knotfab.report.viewer import viewer_data
 from knotfab.scene.camera import camera_of
 from knotfab_formats.errors import plain
@@ -222,7 +221,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """report.html as a build writes it, of a piece on a plate."""
     folder = tmp_path_factory.mktemp("report")
     mounted, scene, camera = setup("plate")
-    write_setup(folder, draw_sheets(mounted, scene, [camera]), [OFF])
+    write_setup(folder, mounted, scene, [camera])
     strip = Image.new("RGB", (1330, 544), "#faf8f4")
     ImageDraw.Draw(strip).ellipse((60, 60, 380, 480), fill="#2b2d33")
     strip.save(folder / "compare-front.png")
