@@ -217,7 +217,8 @@ def draw_picture(name: str) -> Image.Image:
     """
     if name in COLOURED:
         return COLOURED[name]()
-    return (pictures() | small_pictures() | line_pictures([name]))[name]
+    drawn = pictures()
+    return drawn[name] if name in drawn else (small_pictures() | line_pictures([name]))[name]
 
 
 def build_row(name: str, setting: str, options: tuple[str, ...], folder: Path) -> tuple[Row, Path]:

@@ -202,6 +202,7 @@ def test_the_page_has_a_line_for_each_library_of_the_project_and_no_other() -> N
 
 
 @pytest.mark.build
+@pytest.mark.study
 def test_a_build_without_the_apps_loads_and_tells_what_is_on_the_page(tmp_path: Path) -> None:
     """The core alone builds a part. That what is left out is not told is tested in pipeline."""
     traced = tmp_path / "traced"

@@ -49,6 +49,7 @@ def test_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_loops_are_compiled_and_kept() -> None:
     found = doctor.compile_loops()
     assert found.status == "ok", found

@@ -92,6 +92,7 @@ def test_a_build_killed_at_any_moment_leaves_one_whole_result(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
+@pytest.mark.study
 def test_mending_that_is_killed_is_mended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """This holds for mending that has to undo, too: something is in the way of a file."""
     monkeypatch.setattr(os, "fsync", lambda _: None)

@@ -35,7 +35,6 @@ from benchmarks.small_pictures import small_pictures
 from benchmarks.traced_colours import light_and_mix, measure_rms, trace_colours, use_mitsuba
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
 from examples.lamps.draw import PICTURES as COLOURED
-from examples.pictures import pictures
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.cli.commands import app
@@ -156,6 +155,7 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
         return Built(2, 1.0, 2.0, 3.0, None, "refused")
 
     monkeypatch.setattr(build_table, "build_apart", build)
+    monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
     for _ in range(2):
         row, folder = build_row("heart+teapot@eye", "a b", ("--print",), tmp_path)
         assert row["said"] == "refused" and row["code"] == 2 and row["cpu_s"] == 2.0
@@ -186,8 +186,10 @@ def test_rows_leave_out_what_a_report_lacks_and_settings_are_compared_with_the_f
     assert ratio.endswith("hours 0.750 (at most 1.000)")
 
 
-def test_every_picture_of_every_table_can_be_drawn() -> None:
-    known = set(pictures()) | set(small_pictures()) | set(COLOURED)
+@pytest.mark.slow
+def test_every_picture_of_every_table_can_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
+    known = set(build_table.pictures()) | set(small_pictures()) | set(COLOURED)
     for one in TABLES.values():
         for name in one.names():
             assert set(name.removesuffix("@eye").split("+")) <= known

@@ -265,7 +265,7 @@ def _scene(holder: str) -> SettledScene:
 
 def _knots_for(holder: str) -> Knots:
     if holder == "no supports":
-        return Knots((Knot(_arches(3, 46.0)), Knot(_arches(3, 40.0))), RADIUS_MM)
+        return Knots((Knot(_arches(3, 46.0, 60.0)), Knot(_arches(3, 40.0, 60.0))), RADIUS_MM)
     rings = [_ring(48.0, 6.0), _ring(30.0, 6.0)]
     if "plate" in holder:  # the lowest points stand in it
         rings = [_arches(4, 48.0), _arches(3, 30.0)]

@@ -66,6 +66,7 @@ FEW = {
     ],
     ids=["careless placing", "sparser strands", "flat"],
 )
+@pytest.mark.study
 def test_the_scene_of_a_build_repeats_it(
     scene: dict[str, Any], flatter: bool, sparser: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -123,6 +123,7 @@ def test_each_frame_has_its_own_floor_and_prices(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_pieces_apart_in_all_frames_are_knots_of_their_own(tmp_path: Path) -> None:
     names = []
     for number, at in enumerate((30, 50, 70)):

@@ -69,6 +69,7 @@ def test_directions_are_for_several_pictures_of_one_part(more: dict[str, object]
         prepare_build(["text:A"], options, "", Progress("quiet"))
 
 
+@pytest.mark.study
 def test_views_of_one_body_need_no_bending_from_where_they_were_taken(tmp_path) -> None:  # type: ignore[no-untyped-def]
     """Two slabs, one behind the other: their plan has rows that are empty in no view from the side."""
     z, y, x = np.mgrid[-1:1:64j, -1:1:64j, -1:1:64j]

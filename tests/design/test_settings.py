@@ -118,6 +118,7 @@ def test_what_is_fine_enough_stays() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.study
 def test_corners_of_presets_stay_within_the_clearance_check(name: str) -> None:
     """Corners of 14 sides took .02 mm of a gap of .4 mm on either side: a knight in 5 s was rejected."""
     thick = refine_mesh(PRESETS[name], 3.0, 3.5, 10.0)

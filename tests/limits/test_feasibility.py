@@ -296,6 +296,7 @@ def test_a_scene_names_its_mesh_beside_itself(tmp_path: Path) -> None:
 
 
 @pytest.mark.build
+@pytest.mark.study
 def test_a_build_stays_inside_and_its_scene_names_the_copied_mesh(tmp_path: Path) -> None:
     # an edge from the right reaches 2 mm into the picture
     outline = [(63.0, 28.0), (90.0, 56.0), (90.0, 90.0), (-90.0, 90.0), (-90.0, -90.0)]

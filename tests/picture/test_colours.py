@@ -85,6 +85,7 @@ def test_a_drawing_keeps_its_holes(drawn: str, light: str, tmp_path: Path) -> No
     ],
     ids=["even", "light shape", "grey shape", "halves", "checks", "dark frame", "texture"],
 )
+@pytest.mark.study
 def test_what_is_no_drawing_on_paper_stays(grey: Array) -> None:
     assert even_out(photograph(grey)) is None
 

@@ -502,6 +502,7 @@ def test_only_the_first_frames_are_searched_for_a_shape(
         read_target(tmp_path / "late.gif")
 
 
+@pytest.mark.study
 def test_a_large_photograph_is_decoded_once_and_shrunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -258,6 +258,7 @@ def two_pieces(size: int = 96) -> NDArray[np.bool_]:
 
 
 @pytest.mark.build
+@pytest.mark.study
 def test_two_pieces_of_a_drawing_become_two_flat_knots(
     tmp_path: Path, quick: list[str | Path]
 ) -> None:
@@ -283,6 +284,7 @@ def test_two_pieces_of_a_drawing_become_two_flat_knots(
 
 
 @pytest.mark.build
+@pytest.mark.study
 def test_two_pieces_bridged_into_one_of_a_given_depth(
     tmp_path: Path, quick: list[str | Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -316,6 +316,7 @@ def test_the_report_is_short_small_and_silent(desk: Any, report: Path) -> None:
     assert "precision" in desk.inner_text("main")
 
 
+@pytest.mark.study
 def test_the_report_of_a_tall_picture_is_short_too(browser: Any, report: Path) -> None:
     """Tall frames side by side, and tall drawings."""
     for page in open_report(browser, report, 1280, "light"):
@@ -348,6 +349,7 @@ def test_contrast_names_and_alt_texts(which: str, request: pytest.FixtureRequest
     assert violations(request.getfixturevalue(which)) == []
 
 
+@pytest.mark.study
 def test_it_is_turned_zoomed_and_lit_by_keys(desk: Any) -> None:
     canvas = desk.locator("canvas")
     assert "shadow on the wall" in canvas.get_attribute("aria-label")
@@ -387,6 +389,7 @@ LAMPS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+@pytest.mark.study
 def test_lamps_of_every_shape_blur_as_they_do(bench: Any) -> None:
     """Each blur is the average over the validators' points of the same lamp, and that of no other."""
     knots, seen, wanted = wavy_knots(), {}, {}

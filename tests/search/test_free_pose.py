@@ -308,6 +308,7 @@ def test_the_scene_of_a_free_view_gives_the_same_knots() -> None:
 
 @pytest.mark.build
 @pytest.mark.parametrize("plate", ["pegs", "outline"])
+@pytest.mark.study
 def test_arches_stand_along_the_axis_of_a_view_found_before(plate: Any) -> None:
     """In a plate the wall stays where the piece ends; the scene has the view, and gives the same knots."""
     target = read_target("text:\u2665")
@@ -335,6 +336,7 @@ def test_a_radius_that_is_given_stays_given() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_time_budget_holds_for_a_free_view_too() -> None:
     """The few iterations that time it leave no trace in the pose that the search starts from."""
     budget = Budget(time.perf_counter() + 0.5)

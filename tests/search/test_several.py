@@ -45,7 +45,7 @@ QUICK = PRESETS["draft"].model_copy(
 )
 
 
-FILES_OF_A_VIEW = (("picture", "png"), ("shadow", "svg"))
+FILES_OF_A_VIEW = (("picture", "png"), ("shadow", "png"))
 
 
 def scene_views() -> tuple[View, View]:
@@ -230,6 +230,7 @@ def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
 
 
 @pytest.mark.build
+@pytest.mark.study
 def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     """One light and one eye, on a stand, verified on the written file, with all files for other tools.
 

@@ -68,12 +68,12 @@ def _ious(problem: Problem, start: Start, lamp_mm: float, turn_deg: float) -> Ar
         rings = [shapely.LinearRing(c) for c in np.split(shadow, ends)]
         return shapely.union_all([ring.buffer(wide, quad_segs=2) for ring in rings])
 
-    was = cast(points, camera.eye, camera, view)
-    moved = [cast(points, camera.eye + lamp_mm * way, camera, view) for way in np.eye(3)]
+    was = cast(points, camera.eye, camera)
+    moved = [cast(points, camera.eye + lamp_mm * way, camera) for way in np.eye(3)]
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     for way in np.eye(3):
         turned = middle + (points - middle) @ turn_about(way, np.radians(turn_deg)).T
-        moved.append(cast(turned, camera.eye, camera, view))
+        moved.append(cast(turned, camera.eye, camera))
     found, truth = [], outline(was)
     for now in moved:
         one, other = ((s - s.mean(axis=0)) @ [1, 1j] for s in (was, now))

@@ -98,6 +98,7 @@ def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path, exact: Verd
     assert others == {
         "centre_line": "given with the knots",
         "mount": "not given a scene with a mount",
+        "slicer_ini": "there is no slicer.ini of this part",
     }
     assert verdict.status == "pass" and verdict.exit_code == 0
     (view,) = verdict.views

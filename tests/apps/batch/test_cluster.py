@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -54,6 +55,7 @@ def test_a_cluster_that_does_not_see_the_pictures_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures = draw(tmp_path / "pictures", a="pass")
+    monkeypatch.setattr(sys, "executable", sys.executable)  # which a worker in this process plays
     with play_cluster(tmp_path, n_workers=1, processes=False) as (cluster, runs):
         monkeypatch.setattr("knotfab.apps.batch.run.list_missing", lambda paths: paths[:1])
         options = BuildOptions(out=tmp_path / "out", quiet=True)

@@ -169,6 +169,7 @@ def test_a_lamp_beside_its_place_is_found(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.build
+@pytest.mark.study
 def test_a_part_is_built_for_the_lamp_as_it_stands(folder: Path, tmp_path: Path) -> None:
     """What is foretold of it is what its own shadow brings, thrown by the lamp that stood there."""
     moved, place = (-12.0, -10.0, 150.0), shutil.copytree(folder, tmp_path / "ring")
@@ -284,6 +285,7 @@ def test_the_frame_is_found_by_the_plate(unknown: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["wall", "stand"])
+@pytest.mark.study
 def test_the_frame_is_found_by_four_marks(folder: Path, kind: str, tmp_path: Path) -> None:
     """The marks of a wall mount lie about its plate; a stand has none, and nothing else tells its frame."""
     margin, moved = (8.0 if kind == "wall" else 0.0), (-12.0, -10.0, 90.0)

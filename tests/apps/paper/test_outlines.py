@@ -38,6 +38,7 @@ def image(renderer: Renderer, view: ResolvedView = VIEW) -> ViewImage:
     return image_at(view, disc(), RADIUS, 96, "double", renderer)
 
 
+@pytest.mark.study
 def test_capsules_have_the_silhouette_of_rays() -> None:
     rays, capsules, ellipses = (
         image(kind).seen(tangle(), RINGS, RADIUS) for kind in ("ray", "capsule", "ellipse")

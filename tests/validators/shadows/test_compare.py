@@ -196,6 +196,7 @@ def lattice(seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("picture", [CROSS, HOUSE])
+@pytest.mark.study
 def test_the_picture_itself_is_named_first_sheared_too_and_a_lattice_is_not(
     picture: np.ndarray,
 ) -> None:
@@ -217,6 +218,7 @@ def test_nothing_to_see_is_not_named() -> None:
 
 
 @pytest.mark.parametrize("number", some(range(24), 6))
+@pytest.mark.study
 def test_signs_are_two_dozen_pictures_none_of_which_is_another(number: int) -> None:
     signs = read_foreign()
     assert signs.shape == (24, SIDE, SIDE)

@@ -55,6 +55,7 @@ def test_a_flat_sheet_tells_what_it_is(mask: NDArray[np.bool_], low: float, high
     assert low <= tell_flat(mask, ell()) <= high
 
 
+@pytest.mark.study
 def test_the_share_follows_what_a_person_named_and_not_the_seed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -300,6 +300,7 @@ def agrees(polygons: Polygons, closed: list[bool]) -> bool:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("each", some([40, 150], 2))
+@pytest.mark.study
 def test_as_enumerated(kind: str, each: int) -> None:
     cases = [(seed, drawn(kind, seed)) for seed in range(each)]
     assert sum(case is not None for _, case in cases) > each / 4

@@ -116,6 +116,7 @@ def test_open_ends() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_vertices_on_a_straight_line_are_no_ends_of_edges() -> None:
     """The same curve has the same thickness, however its edges are cut; rounding makes no bend."""
     curve = turn(ngon(31, 10.0))

@@ -65,6 +65,7 @@ def straight(n: int, length: float = LENGTH) -> tuple[Array, Mesh]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("points", [2, 3, 27])
+@pytest.mark.study
 def test_open_curves_may_have_flat_ends_and_long_faces(points: int) -> None:
     line, mesh = straight(points)
     curve = Curves((line,), ("open",), (False,), RADIUS)
