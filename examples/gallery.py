@@ -103,7 +103,7 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
     yield (
         "# Ten pieces worth hanging\n\n"
         "`make gallery` builds them and draws this page: shadows of the written files, then the piece from\n"
-        "its lights and about the vertical. Those of one picture stand in a plate of its outline, and print\n"
+        "its lights and about the vertical. Those of one picture stand in roots, and print\n"
         "with supports off; two pictures fix every depth, so the pair takes supports. Hours and grams are\n"
         "PrusaSlicer's for the default printer (Prusa MK4, PLA). Glyphs are those of DejaVu Sans; the other\n"
         "pictures are drawn by `examples/pictures.py`, which writes them as files:\n"
