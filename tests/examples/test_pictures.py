@@ -93,7 +93,7 @@ def calls() -> list[list[str]]:
 
 @pytest.mark.slow
 def test_every_command_is_one_and_its_pictures_are_there() -> None:
-    assert len(calls()) > 15
+    assert len(calls()) > 20
     pictures = set()
     for words in calls():
         command, bound, _ = app.parse_args(words[1:], exit_on_error=False, print_error=False)
