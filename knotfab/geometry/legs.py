@@ -20,10 +20,9 @@ SUNK_MM = 0.5  # depth of a bar's end in its strand
 MOST_BAR_MM = 9.0  # between the surfaces that a bar joins
 _STEP_MM = 0.4  # spacing of the points on a leg
 _PROMINENT_MM = 1.0  # least height by which a peak or valley stands out
-_SPARE = 0.97  # a share of the longest free leg: the mesh and the layers find it a little longer
-_WAITS_MM = 1.0  # a longer bar waits until its leg has stood free for 95 % of what it may
+_SPARE = 0.99  # share of the longest free leg, for the steps along it; layers find legs 3 to 10 % stiffer
 _LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
-_SOON = 0.6  # share of the longest free leg
+_MOST_SPARED = 1.5  # by one tie, of a leg
 _TRIED = 8  # points at the same height
 # cosine of the least angle between a bar and its strand: its end meets no surface sooner
 _ASLANT = 0.75
@@ -119,8 +118,8 @@ def plan_bars(
 ) -> tuple[list[Bar], Array]:
     """Plan bars so that no leg stands free for too long; also return the places (k, 3) that lack a bar.
 
-    From the bed up, each leg is joined to a near one as soon as it has stood free for most of the length
-    allowed. A bar ends the free length of both.
+    From the bed up, the leg that must be held first is joined where that spares it and its neighbour the most
+    further bars. A bar ends the free length of both.
 
     Args:
         hidden: returns whether none of the points (n, 3) along a bar would show in a picture.
@@ -139,68 +138,86 @@ def plan_bars(
     level, upwards = cKDTree(points), np.argsort(points[:, 2], kind="stable")
     heights = points[upwards, 2]
 
-    def find_bar(n: int, longest: float) -> tuple[Bar, int] | None:
-        """Find the shortest bar from a point, no longer than `longest`, and the point that it leads to."""
-        here = points[n]
-        near, away = _find_level(n, points, upwards, heights, own, along, radius, longest)
+    def needs(leg: int, at: float) -> float:
+        """Count the ties that a leg still needs above a place along it, begun ones by their share."""
+        left = total[leg] - at
+        return float(max(np.ceil(left / most - 1e-9) - 1, 0) + 0.5 * max(left / most - 1, 0))
+
+    def spares(leg: int, at: float) -> float:
+        """Return what a tie there spares a leg: nothing where it comes too late or too soon."""
+        in_time = tied[leg] < at <= tied[leg] + most
+        return needs(leg, tied[leg]) - needs(leg, at) if in_time else 0.0
+
+    def find_bar(n: int, least: float) -> tuple[float, Bar, int] | None:
+        """Find the bar from a point that spares the two legs most, and the point that it leads to."""
+        here, best = points[n], None
+        near, away = _find_level(n, points, upwards, heights, own, along, radius, MOST_BAR_MM)
         for k in range(len(near)):
             if away[k] < 1.9 * radius:
                 continue
-            there = points[near[k]] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
-            length = float(np.linalg.norm(there - here))
-            if length - 2 * radius > longest:
-                break
-            if np.abs(ways[[n, near[k]]] @ (there - here)).max() > _ASLANT * length:
+            worth = spares(own[n], along[n]) + spares(own[near[k]], along[near[k]])
+            if worth <= least:
                 continue
-            line = np.linspace(here, there, int(length / _FINE_MM) + 2)
-            close = level.query_ball_point(0.5 * (here + there), 0.5 * length + radius + BAR_MM[1])
-            about = points[close]
-            first, last, count = _find_air(line, about, radius, 0.0)
-            if not count or last - first >= count:
-                continue
-            # just below a peak its two legs have met at the bar's top
-            if not _find_air(line[first : last + 1], about, radius, 0.5 * BAR_MM[1])[2]:
-                continue
-            start, end = line[first], line[last]
-            found = Bar(start, end, float(np.linalg.norm(end - start)))
-            if not _LEAST_MM <= found.gap_mm <= longest or not hidden(line[::_EVERY]):
-                continue
-            reach = 0.5 * found.gap_mm + radius
-            beside = np.array(level.query_ball_point(0.5 * (start + end), reach), dtype=np.int64)
-            # a strand that leans towards the other is near the bar, but not in its way
-            for e in (n, near[k]):
-                theirs = np.abs(along[beside] - along[e]) < _OWN_RADII * radius
-                beside = beside[(own[beside] != own[e]) | ~theirs]
-            if _is_clear(found, points[beside], radius):
-                return found, int(near[k])
-        return None
+            found = lay_bar(n, int(near[k]), here)
+            if found is not None:
+                best, least = (worth, found, int(near[k])), worth
+        return best
+
+    def lay_bar(n: int, other: int, here: Array) -> Bar | None:
+        """Lay a bar between two points; None where it would show, end badly or meet another strand."""
+        there = points[other] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
+        length = float(np.linalg.norm(there - here))
+        if length - 2 * radius > MOST_BAR_MM:
+            return None
+        if np.abs(ways[[n, other]] @ (there - here)).max() > _ASLANT * length:
+            return None
+        line = np.linspace(here, there, int(length / _FINE_MM) + 2)
+        close = level.query_ball_point(0.5 * (here + there), 0.5 * length + radius + BAR_MM[1])
+        about = points[close]
+        first, last, count = _find_air(line, about, radius, 0.0)
+        if not count or last - first >= count:
+            return None
+        # just below a peak its two legs have met at the bar's top
+        if not _find_air(line[first : last + 1], about, radius, 0.5 * BAR_MM[1])[2]:
+            return None
+        start, end = line[first], line[last]
+        found = Bar(start, end, float(np.linalg.norm(end - start)))
+        if not _LEAST_MM <= found.gap_mm <= MOST_BAR_MM or not hidden(line[::_EVERY]):
+            return None
+        reach = 0.5 * found.gap_mm + radius
+        beside = np.array(level.query_ball_point(0.5 * (start + end), reach), dtype=np.int64)
+        # a strand that leans towards the other is near the bar, but not in its way
+        for e in (n, other):
+            theirs = np.abs(along[beside] - along[e]) < _OWN_RADII * radius
+            beside = beside[(own[beside] != own[e]) | ~theirs]
+        return found if _is_clear(found, points[beside], radius) else None
 
     tied = np.zeros(len(legs))
     bars, lacking = list[Bar](), list[Array]()
     ties = list[tuple[int, int]]()  # the points that each bar joins
-    for n in upwards.tolist():
-        leg = int(own[n])
-        free = along[n] - tied[leg]
-        if total[leg] - tied[leg] <= most or free < _SOON * most:
+    while (total - tied > most).any():
+        # the lowest place at which a leg must be held
+        latest = begin[:-1] + ((tied + most) / _STEP_MM).astype(int)
+        waiting = np.flatnonzero(total - tied > most)
+        leg = int(waiting[points[latest[waiting], 2].argmin()])
+        lowest = begin[leg] + int(max(tied[leg], 3 * radius) / _STEP_MM) + 1
+        best: tuple[float, Bar, int] | None = None
+        for n in range(latest[leg], lowest, -_BACK):
+            least = 0.0 if best is None else best[0]
+            if spares(leg, along[n]) + _MOST_SPARED <= least:
+                break
+            if (found := find_bar(n, least)) is not None:
+                best, place = found, n
+        if best is None:
+            lacking.append(points[latest[leg]])
+            tied[leg] += most
             continue
-        late = free >= 0.95 * most
-        found = find_bar(n, MOST_BAR_MM if late else _WAITS_MM)
-        if found is None and free > most:
-            # nothing where a bar would be best: the next one down
-            lowest = begin[leg] + int(max(tied[leg], 3 * radius) / _STEP_MM) + 1
-            for lower in range(n - _BACK, lowest, -_BACK):
-                if (found := find_bar(lower, MOST_BAR_MM)) is not None:
-                    n = lower
-                    break
-            else:
-                lacking.append(points[n])
-                tied[leg] = along[n]
-        if found is not None:
-            bar, other = found
-            bars.append(bar)
-            ties.append((n, other))
-            tied[leg] = along[n]
-            tied[own[other]] = max(tied[own[other]], along[other])
+        _, bar, other = best
+        bars.append(bar)
+        ties.append((place, other))
+        tied[leg] = along[place]
+        if spares(own[other], along[other]):
+            tied[own[other]] = along[other]
     kept = _drop_spare(
         [bar.gap_mm for bar in bars],
         [[(int(own[n]), float(along[n])) for n in pair] for pair in ties],
