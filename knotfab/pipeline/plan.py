@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
@@ -37,6 +38,7 @@ from knotfab.pipeline.verifier import Verifier
 from knotfab.plan import Steps
 from knotfab.render.part_picture import draw_part, place_eyes
 from knotfab.report.page import load_template
+from knotfab.report.pictures import place_strangers
 from knotfab.request import Request
 from knotfab_formats.report import Report
 from knotfab_formats.scene import SettledScene
@@ -76,15 +78,21 @@ class Workshop:
         rest_modeller()
         if piece.part is not None:
             with progress.stage("verify"):  # while the validators measure
-                _draw(piece.part, piece.scene, folder.file("part.png"))
+                eyes = place_eyes(piece.scene.views)
+                _draw(piece.part, piece.scene, eyes, folder.file("part.png"))
                 load_template()
-        return piece, report_piece(piece, folder, request, progress)
+        report = report_piece(piece, folder, request, progress)
+        eyes = place_strangers(piece.scene.views, report)
+        if piece.part is not None and len(eyes):
+            with progress.stage("report"):
+                _draw(piece.part, piece.scene, eyes, folder.file("unlit.png"))
+        return piece, report
 
 
-def _draw(part: Part, scene: SettledScene, path: Path) -> None:
+def _draw(part: Part, scene: SettledScene, eyes: Array, path: Path) -> None:
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    draw_part(seen, faces, path, place_eyes(scene.views), color=scene.material.color)
+    draw_part(seen, faces, path, eyes, color=scene.material.color)
 
 
 def plan_piece(shop: Workshop, request: Request, left: Budget | None) -> Steps[Made]:

@@ -14,7 +14,7 @@ from PIL import Image
 from knotfab.base.arrays import Array
 from knotfab.base.compiled import compiled
 from knotfab.geometry.tube import face_normals, unit
-from knotfab.scene.camera import camera_of
+from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
 
@@ -68,6 +68,13 @@ def place_eyes(views: Sequence[ResolvedView]) -> Array:
     level, others = _level(own), _level(turned)
     new = (others @ level.T).max(axis=1) < np.cos(np.deg2rad(SAME_DEG))
     return np.concatenate([own, turned[new][: max(0, len(ANGLES_DEG) - len(own))]])
+
+
+def look_from(view: ResolvedView, azimuth_deg: float, elevation_deg: float) -> Array:
+    """Return the eye that is as far off as a view's light, so much to its right and above it, (3,) mm."""
+    a, e = np.radians([azimuth_deg, elevation_deg])
+    way = np.array([np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)])
+    return np.asarray(np.linalg.norm(camera_of(view, 1, 1).eye) * way @ view_axes(view))
 
 
 def turn_eye(eye: Sequence[float] | Array, angles_deg: Sequence[float]) -> Array:
@@ -150,13 +157,26 @@ def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
     """
     face = face_normals(points[faces])
     own = np.repeat(unit(face), 3, axis=0)
-    corner, kept = faces.ravel(), np.ones(faces.size, dtype=bool)
-    for _ in range(2):
-        share = np.where(kept[:, None], np.repeat(face, 3, axis=0), 0.0)
-        total = [np.bincount(corner, share[:, k], minlength=len(points)) for k in range(3)]
-        smooth = unit(np.stack(total, axis=1))[corner]
-        kept = np.einsum("ij,ij->i", smooth, own) > CREASE
-    return np.where(kept[:, None], smooth, own)
+    return _smooth(face, own, faces.astype(np.int64), len(points))
+
+
+@compiled
+def _smooth(face: Array, own: Array, faces: NDArray[np.int64], count: int) -> Array:
+    kept, found = np.ones(faces.shape, dtype=np.bool_), own.copy()
+    for last in (False, True):
+        sums = np.zeros((count, 3))
+        for n in range(len(faces)):
+            for k in range(3):
+                if kept[n, k]:
+                    sums[faces[n, k]] += face[n]
+        for n in range(len(faces)):
+            for k in range(3):
+                smooth = sums[faces[n, k]]
+                long = max(np.sqrt((smooth * smooth).sum()), 1e-300)
+                kept[n, k] = (smooth * own[3 * n + k]).sum() > CREASE * long
+                if last and kept[n, k]:
+                    found[3 * n + k] = smooth / long
+    return found
 
 
 # A mesh drawn by a compiled depth buffer: which pixels it covers, and how its surface lies there.

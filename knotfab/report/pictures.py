@@ -21,11 +21,13 @@ from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
 from knotfab.render.image import image_at
 from knotfab.render.pages import length
-from knotfab.render.part_picture import turn_upright, write_gif
+from knotfab.render.part_picture import look_from, turn_upright, write_gif
 from knotfab.report.page import Picture
 from knotfab.scene.camera import view_axes
 from knotfab_formats.print_figures import Turning
-from knotfab_formats.scene import SettledScene
+from knotfab_formats.report import Report
+from knotfab_formats.scene import ResolvedView, SettledScene
+from knotfab_validators.shadows.told import DOOR
 
 
 def find_pictures(folder: Path) -> list[Picture]:
@@ -53,11 +55,27 @@ def find_pictures(folder: Path) -> list[Picture]:
     turn = folder / TURN_FILE
     if turn.is_file():
         found.append(Picture(turn, "turn", "the shadow under one lamp, over a full turn"))
+    if (unlit := folder / "unlit.png").is_file():
+        caption = "unlit: from the door, 45° aside at its height, and from where it tells most"
+        found.append(Picture(unlit, "unlit", caption))
     if part.is_file():
         found.append(
             Picture(part, "part", "from the light of each view, then turned about the vertical")
         )
     return found
+
+
+def place_strangers(views: Sequence[ResolvedView], report: Report) -> Array:
+    """Return eyes (2, 3), mm: in the door, and where the unlit piece tells most; none if nothing is told."""
+    told = [
+        (view.told.worst, own) for view, own in zip(report.views, views, strict=False) if view.told
+    ]
+    if not told:
+        return np.empty((0, 3))
+    worst, view = max(told, key=lambda one: one[0].share)
+    most = worst.azimuth, worst.elevation
+    door = next(side for side in DOOR if side != most)
+    return np.array([look_from(view, *door), look_from(view, *most)])
 
 
 # A piece of several views that turns under one fixed lamp: at which angles it shows its pictures.

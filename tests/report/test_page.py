@@ -18,7 +18,7 @@ from PIL import Image
 from reports import VERDICT, check_of, report_with
 
 from knotfab.geometry.tube import sweep
-from knotfab.render.part_picture import draw_part, place_eyes, turn_eye
+from knotfab.render.part_picture import draw_part, look_from, place_eyes, turn_eye
 from knotfab.report import page as report_html
 from knotfab.report.for_maker import list_files
 from knotfab.report.page import Picture, render_html
@@ -202,6 +202,8 @@ def test_eyes_are_those_of_all_views_and_others_beside() -> None:
     assert both[:2] == pytest.approx(np.array([[0.0, 0.0, 500.0], [300.0, 0.0, 0.0]]), abs=1e-9)
     others = np.degrees(np.arctan2(both[2:, 0], both[2:, 2]))
     assert others == pytest.approx([30.0, 60.0])
+    looks = [look_from(near, *way) / 300.0 for way in ((0.0, 0.0), (90.0, 0.0), (0.0, -90.0))]
+    assert np.array(looks) == pytest.approx(np.array([[1, 0, 0], [0, 0, -1], [0, -1, 0]]), abs=1e-9)
 
 
 def test_numbers_are_finite_and_plain() -> None:
