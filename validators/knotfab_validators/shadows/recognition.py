@@ -236,7 +236,7 @@ def _measure_facts(
         apart=len(torn) - count_repeated([c for c in torn if c.kind == "gap"], target),
         features=max(drawn or len(found.features), 1),
         shape=min(shapes, default=1.0),
-        misshapen=len(shapes),
+        misshapen=sum(1.0 - likeness for likeness in shapes),
         text=sum(len(inside) > TEXT * row.pieces for row, inside in rows.text),
         specks=specks.count,
         speck_share=specks.area_mm2 / (area * pixel_mm**2),

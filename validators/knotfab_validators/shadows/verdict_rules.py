@@ -27,12 +27,12 @@ class Rule:
     - `lost_tubes`: lost pieces and holes must be narrower than this many tubes; at 0 none may be lost.
     - `changed`: changes of topology for each feature, or `spared` of them if that is more; `together`: all
       bridges across one hole count as one.
-    - `shape`: least likeness of each feature by itself; `misshapen`: features less alike than `SHAPE`, for
-      each feature.
+    - `shape`: least likeness of each feature by itself; `misshapen`: what features less alike than `SHAPE`
+      lack of it, summed, for each feature: one flawed part of few weighs as many slightly flawed ones do.
     - `text`: whether rows of small pieces may be lost.
     - `specks` of light that are seen, and `speck_share`, their share of the picture's area.
     - `hurt`: share of the picture's area that is missing or spilled by more than a reach. Below it, changes
-      and a stray outline alone do not deny the word.
+      alone do not deny the word; below `outline_hurt`, neither does a stray outline.
     - `lost_share`: share of the picture's area in lost features wider than `lost_tubes`.
     - `astray_radii`: how far a strand or gap may lead off, radii.
     - `leg_radii`: how far a leg of the mount may lead off, between the picture's top and foot.
@@ -52,6 +52,7 @@ class Rule:
     specks: float = inf
     speck_share: float = inf
     hurt: float = 0.0
+    outline_hurt: float = 0.0
     lost_share: float = 0.0
     astray_radii: float = inf
     leg_radii: float = inf
@@ -64,11 +65,12 @@ RULES = {
         leg_radii=1.0,
     ),
     "good": Rule(
-        0.85, 1.5, inf, True, 0.5, 0.1, 2, False, 0.75, 0.05, False, 150, 0.02,
-        lost_share=0.01, astray_radii=4.0,
+        0.85, 1.5, inf, True, 0.5, 0.1, 2, False, 0.35, 0.3, False, 150, 0.02,
+        outline_hurt=0.1, lost_share=0.01, astray_radii=4.0,
     ),
     "coarse": Rule(
-        0.5, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True, hurt=0.22, lost_share=0.1
+        0.5, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True, hurt=0.22,
+        outline_hurt=0.22, lost_share=0.15,
     ),
 }  # fmt: skip
 *_, UNKNOWN = WORDS
@@ -105,7 +107,7 @@ class Facts:
     apart: int  # changes, counting all bridges across one hole as one
     features: int
     shape: float
-    misshapen: int
+    misshapen: float  # what features out of shape lack of their likeness, summed
     text: int
     specks: int = 0
     speck_share: float = 0.0
@@ -148,7 +150,7 @@ class Facts:
         said = {
             f"IoU {self.iou:.3f}, below {rule.iou:g}": self.iou < rule.iou,
             f"the outline is off by {in_mm(self.outline_radii)}, above {in_mm(rule.outline_radii)}": (
-                self.outline_radii > rule.outline_radii and much
+                self.outline_radii > rule.outline_radii and self.hurt > rule.outline_hurt
             ),
             f"a strand or gap leads off by {in_mm(self.astray)}, above {in_mm(rule.astray_radii)}": (
                 self.astray > rule.astray_radii
@@ -167,7 +169,8 @@ class Facts:
             f"{say_number(changes, 'change')} to its {of_it}": changes > most and much,
             f"a piece or hole {self.shape:.3f} alike, below {rule.shape:g}": self.shape
             < rule.shape,
-            name_losses("shape", self.misshapen): self.misshapen > rule.misshapen * self.features,
+            f"its pieces and holes out of shape by {self.misshapen / self.features:.2f} on average, above "
+            f"{rule.misshapen:g}": self.misshapen > rule.misshapen * self.features,
             f"{say_number(self.text, 'row')} of small pieces lost": bool(self.text)
             and not rule.text,
         }
