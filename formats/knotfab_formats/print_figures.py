@@ -161,15 +161,18 @@ class SupportAccess:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OtherWay:
-    """What a piece would take if it were held in the other way while it prints.
+class Way:
+    """What a piece takes in one way to hold it, and its `price`, in hours.
 
-    It is estimated from pieces that were built both ways, without a search.
+    `way`: roots, rounded or another plate, none, or slicer, for its supports. Ways that were not taken are
+    estimated from pieces that were built both ways, without a search.
     """
 
+    way: str
     hours: float
     grams: float
     support_grams: float
+    price: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +180,8 @@ class SupportFigures:
     """How a piece is held while it prints.
 
     `asked`: auto, none or slicer; `way`: the one that was taken, none or slicer; `why`, in words. `hours` and
-    `grams`, with supports, are the slicer's. `other`: None where there is no other way, or nothing to tell.
+    `grams`, with supports, are the slicer's. `ways`: the one taken, then the others, cheapest first; none
+    where there is nothing to tell.
     """
 
     asked: str
@@ -185,7 +189,7 @@ class SupportFigures:
     why: str
     hours: float | None
     grams: float | None
-    other: OtherWay | None
+    ways: tuple[Way, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

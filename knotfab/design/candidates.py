@@ -230,6 +230,20 @@ def guess_print(
     return Guess(float(mass), float(hours), without, alone)
 
 
+# One price for all that a choice costs, in hours of printing (docs/prints.md).
+GRAMS_PER_HOUR, TOLD_PER_HOUR = 20.0, 0.1
+WORD_HOURS = {"faithful": 0.0, "good": 3.0, "coarse": 30.0, "not recognisable": 100.0}
+
+
+def price_of(hours: float, grams: float, told: float = 0.0, word: str = "faithful") -> float:
+    """Return the price of a piece that tells so much of its picture unlit, and of its verdict's word, h.
+
+    Hours that nobody can tell, NaN, cost nothing.
+    """
+    took = float(np.nan_to_num(hours)) + grams / GRAMS_PER_HOUR
+    return took + told / TOLD_PER_HOUR + WORD_HOURS[word]
+
+
 def hours_of_tube(volume_mm3: float, radius_mm: float) -> float:
     """Guess how long a tube takes to print, without its supports."""
     return 1e-3 * volume_mm3 * _HOURS * _OF_RADIUS_MM / radius_mm

@@ -41,6 +41,7 @@ from knotfab_formats.print_figures import PlateFigures
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.conclusion import tell_lowered
+from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 _SAME_TUBE = 0.05  # relative difference of radii that nobody sees
 _TOLD_S = 0.5  # interval between progress messages on the slicer
@@ -92,7 +93,9 @@ def report_piece(
         how = piece.flattening, piece.suffix
         print_, laid = report_posing(print_, part, *how, printing=printing, access=access)
         if printing:
-            print_ = report_supports(print_, request, part, checks)
+            judged = worst_verdict(views)
+            word = "faithful" if judged is None else judged.word
+            print_ = report_supports(print_, request, part, checks, views, word)
         notes = _list_notes(piece, request, views, sliced, (turned, laid))
         found = verdict, checks, views, print_, notes, sliced
         return report_of(request, made, piece.knots, *found)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.design.candidates import hours_of_plate, hours_of_tube
+from knotfab.design.candidates import hours_of_plate, hours_of_tube, price_of
 from knotfab.design.design import Design
 from knotfab.geometry.overhang import Estimate, Strands, estimate
 from knotfab.hold.hang import HOLE_MM
@@ -29,28 +29,17 @@ _POSTS = {"hang": (3, 0.25), "stand": (4, 0.3), "wall": (7, 1.0)}
 _MEMBER_SHARE = 0.7
 
 
-# share of what a piece takes on a holder; another holder that adds more is dear
-_MODEST = 1 / 3
-
-
 @dataclass(frozen=True)
 class Guess:
-    """What a holder adds to the bare piece, its supports included; `hours` are NaN but for filament.
-
-    `bare_grams` and `bare_hours` are the piece's own.
-    """
+    """What a holder adds to the bare piece, its supports included; `hours` are NaN but for filament."""
 
     kind: Kind
     grams: float
     hours: float
-    bare_grams: float
-    bare_hours: float
 
-    def is_dear_beside(self, other: Guess) -> bool:
-        """Return whether this holder takes much more than another one, piece included."""
-        if np.isnan(self.hours):
-            return self.grams - other.grams > _MODEST * (self.bare_grams + other.grams)
-        return self.hours - other.hours > _MODEST * (self.bare_hours + other.hours)
+    def price(self, word: str = "faithful") -> float:
+        """Return its price, and that of the verdict's word on it, in hours."""
+        return price_of(self.hours, self.grams, word=word)
 
     def __str__(self) -> str:
         hours = "" if np.isnan(self.hours) else f" and {max(self.hours, 0.0):.1f} h"
@@ -70,7 +59,7 @@ def can_hold(scene: ResolvedScene) -> list[Kind]:
 
 
 def guess_holders(made: Design, targets: Sequence[Target]) -> list[Guess]:
-    """Guess what each holder that the scene allows would add; those of least hours and grams come first."""
+    """Guess what each holder that the scene allows would add; the cheapest come first."""
     scene, knots = made.scene, made.knots
     kinds = can_hold(scene)
     if not kinds:
@@ -89,8 +78,7 @@ def guess_holders(made: Design, targets: Sequence[Target]) -> list[Guess]:
             foot, solid_mm3 = _foot_of(kind, made, camera)
             posed = estimate(_on_a_foot(strands, foot, turn), turn, rules)
         found.append(_price(kind, scene, knots.radius_mm, posed, best, member_mm3, solid_mm3))
-    by_hours = scene.material.process == "filament"
-    return sorted(found, key=lambda one: (one.hours, one.grams) if by_hours else (one.grams,))
+    return sorted(found, key=Guess.price)
 
 
 def _price(
@@ -107,11 +95,7 @@ def _price(
     grams = scene.material.density_g_cm3 * (supports_cm3 + 1e-3 * (member_mm3 + solid_mm3))
     hours = (estimate_print_minutes(posed) - estimate_print_minutes(bare)) / 60
     hours += hours_of_tube(member_mm3, radius) + hours_of_plate(solid_mm3)
-    bare_grams = float(scene.material.density_g_cm3 * bare.filament_cm3)
-    bare_hours = float(estimate_print_minutes(bare) / 60)
-    return Guess(
-        kind, float(grams), float(hours) if filament else float("nan"), bare_grams, bare_hours
-    )
+    return Guess(kind, float(grams), float(hours) if filament else float("nan"))
 
 
 def _members_mm3(kind: Kind, points: Array, made: Design, camera: Camera) -> float:

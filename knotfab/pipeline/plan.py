@@ -156,12 +156,11 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
             return done
         if not unmet:
             later = guesses[guesses.index(guess) + 1 :] if shows >= _SEEN_SHARE else []
-            rank = _rank_word(done[1])
-            # no price is too high for a piece that is coarse
-            paler = [one for one in later if rank > 1 or not one.is_dear_beside(guess)]
-            if not rank or not paler:
+            price = guess.price(_word_of(done[1]))
+            paler = [one for one in later if one.price() < price]
+            if not paler:
                 return done
-            return (yield from _plan_paler(shop, request, made, done, paler))
+            return (yield from _plan_paler(shop, request, made, (done, price), paler))
         failed = unmet
         why = f"{WORDS[guess.kind]} failed: {', '.join(sorted(unmet))}"
         refused.append(f"{WORDS[guess.kind]} (failed: {', '.join(sorted(unmet))})")
@@ -188,9 +187,14 @@ def _plan_held(
 
 
 def _plan_paler(
-    shop: Workshop, request: Request, made: Design, done: Made, others: Sequence[Guess]
+    shop: Workshop,
+    request: Request,
+    made: Design,
+    dark: tuple[Made, float],
+    others: Sequence[Guess],
 ) -> Steps[Made]:
-    """Plan the piece on the first other holder that does not show; keep it if its verdict is better."""
+    """Plan the piece on the first other holder that does not show; keep it if its price is lower."""
+    done, price = dark
     why = "the shadow suffers on what takes less"
     for guess in others:
         asked, design = with_mount(request, made, guess.kind)
@@ -201,7 +205,7 @@ def _plan_paler(
         with TemporaryDirectory(dir=shop.folder.work.parent) as aside:
             discard_piece(done[0], shop.folder, Path(aside))
             other: Made = yield _Piece(shop, asked, settled[0], settled, note)
-            if not list_failed(other[1]) and _rank_word(other[1]) < _rank_word(done[1]):
+            if not list_failed(other[1]) and guess.price(_word_of(other[1])) < price:
                 return other
             discard_piece(other[0], shop.folder)
             for path in Path(aside).iterdir():
@@ -383,9 +387,9 @@ def list_failed(report: Report) -> set[str]:
     return {check.name for check in list_unmet(report.checks) if check.status == "fail"}
 
 
-def _rank_word(report: Report) -> int:
-    """Return how many ranks a report's verdict lies below the best one; 0 without a verdict."""
-    return 0 if report.verdict is None else BEST_FIRST.index(report.verdict.word)
+def _word_of(report: Report) -> str:
+    """Return the word of a report's verdict; the best without one."""
+    return BEST_FIRST[0] if report.verdict is None else report.verdict.word
 
 
 def with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:

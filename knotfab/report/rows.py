@@ -12,6 +12,12 @@ from knotfab_formats.verdict import list_unmet
 
 # shares told from which a picture may be guessed, and is read, by whoever sees the piece unlit
 _GUESSED, _READ = 0.25, 0.5
+# how to ask for another way, and what it is like
+_WAYS = {
+    "rounded": ("--plate rounded", ", on a light screen"),
+    "slicer": ("--supports slicer", ", supports included and no holder"),
+    "none": ("--supports none", ""),
+}
 _PRESSING = ("fail", "warn", "do", "info")
 
 
@@ -168,10 +174,19 @@ def _list_printing(report: Report) -> Iterator[Row]:
     if (bars := piece.bars) is not None:
         said += f"; its {bars.count} threads, up to {bars.longest_mm:.1f} mm long, lie in the shadow, and "
         said += "whoever likes takes them off"
-    other = supports.other
-    if other is not None and supports.asked == "slicer":
-        said += f"; --supports none would take about {other.grams:.0f} g and {other.hours:.1f} h"
     yield Row(name="supports", value=supports.way, status="do", text=f"{said}.")
+    if len(supports.ways) > 1:
+        taken, other = supports.ways[:2]
+        remedy, words = _WAYS[other.way]
+        yield Row(
+            name="otherwise",
+            value=other.price,
+            unit="h",
+            limit=taken.price,
+            remedy=remedy,
+            text=f"{remedy} would take about {other.grams:.0f} g and {other.hours:.1f} h{words} "
+            f"(price {other.price:.0f} for {taken.price:.0f})",
+        )
 
 
 def _list_next(report: Report) -> Iterator[Row]:

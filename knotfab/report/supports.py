@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.design.candidates import ARCHES, DEPTH_RATIO
+from knotfab.design.candidates import ARCHES, DEPTH_RATIO, hours_of_plate, price_of
 from knotfab.geometry.tube import face_normals, keep_faces, mesh_volume, split_shells
 from knotfab.request import Request
 from knotfab.scene.require import why_supported
-from knotfab_formats.print_figures import BarFigures, FeetFigures, OtherWay, Print, SupportFigures
+from knotfab_formats.print_figures import BarFigures, FeetFigures, Print, SupportFigures, Way
 from knotfab_formats.scene import ResolvedScene
-from knotfab_formats.verdict import Check
+from knotfab_formats.verdict import Check, View
 
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part
@@ -26,10 +26,20 @@ ROOM = 0.02
 _BED_MM = 1e-6  # what is no higher lies on the bed
 
 
-def report_supports(print_: Print, request: Request, part: Part, checks: Sequence[Check]) -> Print:
-    """Add to a sliced piece's figures how it is held while it prints.
+def report_supports(
+    print_: Print,
+    request: Request,
+    part: Part,
+    checks: Sequence[Check],
+    views: Sequence[View] = (),
+    word: str = "faithful",
+) -> Print:
+    """Add to a sliced piece's figures how it is held while it prints, and what other ways would cost.
 
     Only prints of filament are held by anything.
+
+    Args:
+        word: of its verdict.
     """
     scene = part.mounted.scene
     if {scene.printer.process, scene.material.process} != {"filament"}:
@@ -44,7 +54,7 @@ def report_supports(print_: Print, request: Request, part: Part, checks: Sequenc
         why=request.why_supported or _why(scene, free),
         hours=hours,
         grams=print_.filament_g,
-        other=None if request.why_supported else estimate_other(print_, scene, request.scene),
+        ways=() if request.why_supported else list_ways(print_, scene, request.scene, views, word),
     )
     return replace(print_, supports=supports)
 
@@ -57,34 +67,62 @@ def _why(scene: ResolvedScene, free: bool) -> str:
     return "asked for" if "supports" in scene.piece.model_fields_set else "the default"
 
 
-def estimate_other(print_: Print, scene: ResolvedScene, asked: ResolvedScene) -> OtherWay | None:
-    """Estimate what a bare sliced piece would take if it were held the other way; None if that is impossible.
+def list_ways(
+    print_: Print,
+    scene: ResolvedScene,
+    asked: ResolvedScene,
+    views: Sequence[View] = (),
+    word: str = "faithful",
+) -> tuple[Way, ...]:
+    """List the way in which a sliced piece is held and its price, and estimates of others, cheapest first.
 
     Strands in arches are longer by `ARCHES`; supports fill a share of the room, `ROOM`; the hours follow
-    from the grams, and from how much slower the legs of arches print, `PER_GRAM`.
+    from the grams, and from how much slower the legs of arches print, `PER_GRAM`. What is told, and the word,
+    are those of the piece. There is no estimate for members, nor of their piece.
 
     Args:
         scene: as built. asked: as a person wrote it, where the depth may be open.
     """
-    hours, grams, box = print_.time_s, print_.filament_g, print_.bounding_box_mm
-    if hours is None or not grams or box is None or scene.mount.kind != "none":
-        return None
-    if scene.piece.supports == "none":
+    seconds, grams, box, mount = (
+        print_.time_s,
+        print_.filament_g,
+        print_.bounding_box_mm,
+        scene.mount,
+    )
+    if seconds is None or not grams or box is None or not (mount.kind == "none" or mount.on_feet):
+        return ()
+    told = max((view.told.worst.share for view in views if view.told), default=0.0)
+    density = 1e-3 * scene.material.density_g_cm3
+
+    def way(name: str, hours: float, grams: float, supports: float = 0.0) -> Way:
+        price = round(price_of(hours, grams, told, word), 1)
+        return Way(
+            way=name,
+            hours=round(hours, 2),
+            grams=round(grams, 1),
+            support_grams=round(supports, 1),
+            price=price,
+        )
+
+    alone, hours = scene.piece.supports == "none", seconds / 3600
+    held = print_.roots or print_.plate
+    plate = 0.0 if held is None else held.mass_g / density
+    name = str(mount.plate) if mount.on_feet else "none" if alone else "slicer"
+    taken, others = way(name, hours, grams, print_.support_g or 0.0), list[Way]()
+    if mount.plate == "roots" and mount.on_feet:
+        rounded = (box[0] + 6.0) * (box[1] + 6.0) * mount.but(plate="rounded").thickness_mm - plate
+        others.append(way("rounded", hours + hours_of_plate(rounded), grams + rounded * density))
+    bare, hours = grams - plate * density, hours - hours_of_plate(plate)
+    if alone:
         longer = max(box[:2])
         room = longer**2 * (asked.piece.depth or DEPTH_RATIO * longer)
-        supports = ROOM * room * 1e-3 * scene.material.density_g_cm3
-        other, slower = grams / ARCHES + supports, 1 / PER_GRAM
+        supports = ROOM * room * density
+        other, slower = bare / ARCHES + supports, 1 / PER_GRAM
+        others.append(way("slicer", slower * other / bare * hours, other, supports))
     elif why_supported(asked) is None:
-        supports = 0.0
-        other, slower = ARCHES * (grams - (print_.support_g or 0.0)), PER_GRAM
-    else:
-        return None
-    share = slower * other / grams
-    return OtherWay(
-        hours=round(share * hours / 3600, 2),
-        grams=round(other, 1),
-        support_grams=round(supports, 1),
-    )
+        other = ARCHES * (bare - (print_.support_g or 0.0))
+        others.append(way("none", PER_GRAM * other / bare * hours, other))
+    return (taken, *sorted(others, key=lambda one: one.price))
 
 
 def sum_supports(frames: Sequence[SupportFigures | None]) -> SupportFigures | None:
@@ -97,7 +135,7 @@ def sum_supports(frames: Sequence[SupportFigures | None]) -> SupportFigures | No
         known[0],
         hours=None if None in hours else sum(h for h in hours if h is not None),
         grams=None if None in grams else sum(g for g in grams if g is not None),
-        other=None,
+        ways=(),
     )
 
 

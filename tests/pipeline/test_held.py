@@ -15,6 +15,7 @@ from pieces import EMPTY, VIEW, knots, ring
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
+from knotfab.design.candidates import WORD_HOURS, price_of
 from knotfab.effects.base import World
 from knotfab.pipeline import plan as planning
 from knotfab.pipeline.held import Guess, can_hold, guess_holders
@@ -62,7 +63,7 @@ def test_what_a_scene_allows(keys: dict[str, Any], kinds: set[str]) -> None:
 
 def test_a_plate_is_guessed_to_cost_more_than_an_eyelet() -> None:
     found = {one.kind: one for one in guess_holders(made_of(scene_of()), [TARGET])}
-    order = [one.hours for one in found.values()]
+    order = [one.price() for one in found.values()]
     assert order == sorted(order) and found["hang"].grams < found["stand"].grams
     margin, mount = 2 * Scene().mount.plate_margin_mm, Scene().mount
     plate = np.prod([side + margin for side in VIEW.frame_mm]) * mount.thickness_mm * 1e-3
@@ -175,20 +176,23 @@ def test_a_holder_that_spoils_the_word_gives_way_to_one_that_is_not_dear(
     built: list[str],
     kept: str,
 ) -> None:
-    monkeypatch.setattr(Guess, "is_dear_beside", lambda self, _: self.kind in dear)
+    own = {"hang": 0.0, "stand": 1.0, "wall": 2.0} | dict.fromkeys(dear, 10.0)
+    monkeypatch.setattr(
+        Guess, "price", lambda self, word="faithful": own[self.kind] + WORD_HOURS[word]
+    )
     shop, last, _ = finish_held(
         tmp_path, Request(scene_of(), (), Path(), printing=True), words=words
     )
     assert shop.__dict__["built"] == built and last == kept
 
 
-def test_a_third_more_than_the_whole_piece_takes_is_dear() -> None:
-    light = Guess("hang", 2.0, 1.0, 40.0, 5.0)
-    assert not Guess("stand", 60.0, 2.9, 40.0, 5.0).is_dear_beside(light)  # hours decide
-    assert Guess("stand", 2.0, 3.1, 40.0, 5.0).is_dear_beside(light)
-    resin = replace(light, hours=float("nan"))
-    assert not replace(resin, grams=15.0).is_dear_beside(resin)
-    assert replace(resin, grams=17.0).is_dear_beside(resin)
+def test_hours_grams_and_words_have_one_price() -> None:
+    light = Guess("hang", 2.0, 1.0)
+    assert light.price() == pytest.approx(1.1)
+    assert replace(light, grams=22.0).price() == replace(light, hours=2.0).price()
+    assert replace(light, hours=float("nan")).price() == pytest.approx(0.1)  # not of filament
+    words = [light.price(word) for word in WORD_HOURS]
+    assert words == sorted(words) and price_of(1.0, 2.0, 0.3) == pytest.approx(light.price() + 3.0)
 
 
 @pytest.mark.parametrize("kind", ["wall", "stand", "hang", "none"])

@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reports import report_with
+from reports import report_with, view_of_report
 from solids import chain
 
 from knotfab.geometry.legs import Bar
 from knotfab.part.assemble import Standing
-from knotfab.report.supports import estimate_other, report_supports, sum_supports
+from knotfab.report.supports import list_ways, report_supports, sum_supports
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
-from knotfab_formats.print_figures import Print
+from knotfab_formats.print_figures import Print, RootsFigures
 from knotfab_formats.scene import ResolvedScene
-from knotfab_formats.verdict import Check
+from knotfab_formats.verdict import Check, Told, ToldFrom
 
 ACROSS = (106.0, 138.0)
 # of knight and heart, built and sliced both ways: grams and hours in arches; the same with the slicer's
@@ -40,20 +40,40 @@ def sliced(grams: float, hours: float, supports: float = 0.0) -> Print:
 @pytest.mark.parametrize(("alone", "supported"), BOTH)
 def test_the_other_way_is_guessed_within_a_tenth(alone: Any, supported: Any) -> None:
     none, slicer = scene("none"), scene("slicer")
-    other = estimate_other(sliced(*alone), none, none)
-    assert other is not None
+    taken, other = list_ways(sliced(*alone), none, none)
+    assert (taken.grams, taken.hours, taken.way, other.way) == (*alone, "none", "slicer")
     grams, hours, held = supported
     assert (other.grams, other.hours) == pytest.approx((grams, hours), rel=0.1)
     assert other.support_grams == pytest.approx(held, rel=0.1)
-    other = estimate_other(sliced(grams, hours, held), slicer, slicer)
-    assert other is not None and other.support_grams == 0
+    _, other = list_ways(sliced(grams, hours, held), slicer, slicer)
+    assert (other.way, other.support_grams) == ("none", 0)
     assert (other.grams, other.hours) == pytest.approx(alone, rel=0.1)
 
 
-@pytest.mark.parametrize("more", ["piece.depth = 'flat'", "mount.kind = 'wall'"])
-def test_where_there_is_no_other_way_none_is_told(more: str) -> None:
+@pytest.mark.parametrize(
+    ("more", "ways"), [("mount.kind = 'none'\npiece.depth = 'flat'", 1), ("mount.kind = 'wall'", 0)]
+)
+def test_where_there_is_no_other_way_none_is_told(more: str, ways: int) -> None:
     slicer = scene("slicer", more)
-    assert estimate_other(sliced(50.0, 5.0, 20.0), slicer, slicer) is None
+    assert len(list_ways(sliced(50.0, 5.0, 20.0), slicer, slicer)) == ways
+
+
+def test_roots_are_cheaper_than_a_plate_and_what_tells_is_dearer() -> None:
+    roots = scene("none", "mount.kind = 'wall'\nmount.plate = 'roots'")
+    strips = RootsFigures(
+        width_mm=7.0, thickness_mm=1.6, screws=(), tape="along", area_cm2=39.0, mass_g=7.8
+    )
+    made = replace(sliced(70.9, 9.5), roots=strips)
+    taken, *others = list_ways(made, roots, roots)
+    prices = [way.price for way in others]
+    assert taken.way == "roots" and {way.way for way in others} == {"rounded", "slicer"}
+    assert prices == sorted(prices) and taken.price == pytest.approx(9.5 + 70.9 / 20, abs=0.1)
+    rounded = next(way for way in others if way.way == "rounded")
+    # a plate of 112 x 144 mm, 1.2 mm thick, for roots of 7.8 g
+    assert rounded.grams == pytest.approx(70.9 + 112 * 144 * 1.2 * 1.24e-3 - 7.8, abs=0.2)
+    told = view_of_report(told=Told(worst=ToldFrom(0.5, 0.0, 30.0), door=0.3, of="knots"))
+    assert list_ways(made, roots, roots, [told])[0].price == pytest.approx(taken.price + 5.0)
+    assert list_ways(made, roots, roots, (), "coarse")[0].price > taken.price + 10
 
 
 def standing_part(bars: int) -> Any:
@@ -93,13 +113,16 @@ def test_why_the_slicer_holds_it() -> None:
     why = "legs failed: too slender"
     told = report_supports(print_, request(slicer, why_supported=why), part, [])
     assert told.supports is not None and told.supports.why == why
-    assert (told.supports.asked, told.supports.way, told.supports.other) == ("auto", "slicer", None)
+    assert (told.supports.asked, told.supports.way, told.supports.ways) == ("auto", "slicer", ())
     told = report_supports(print_, request(slicer), part, [])
     assert told.supports is not None and told.supports.why == "asked for"
-    assert told.supports.other is not None and round(told.supports.other.grams) == 55
+    assert [(way.way, round(way.grams)) for way in told.supports.ways] == [
+        ("slicer", 78),
+        ("none", 55),
+    ]
     # frames add up
     both = sum_supports([told.supports, told.supports])
-    assert both is not None and both.grams == 2 * 78.4 and both.other is None
+    assert both is not None and both.grams == 2 * 78.4 and both.ways == ()
     resin: Any = SimpleNamespace(
         **free, mounted=SimpleNamespace(scene=resolve(parse_scene("[printer]\nname = 'form-3'")))
     )
