@@ -202,7 +202,6 @@ class FrameView(View):
     status: str
     motion: Motion | None
     began_as: int | None
-    transported: float
     certificate: Certificate
     mount: MountFigures
     pose: PoseFigures | None = None

@@ -1,112 +1,74 @@
-"""Design the frames of a sequence: the first from a template, each other one from a neighbour's knots.
+"""Design the frames of a sequence: each is searched from the knots of a frame beside it.
 
-A frame is the same search as any: its start is an earlier frame's knots, which the pictures' displacement
-carries along, its terms hold each vertex near its places in the frames beside it, and no vertex is added.
+A frame is the same search as any. Its start is an earlier frame's knots, and its terms hold each vertex near
+its places in the frames beside it. No vertex is added.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Container, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import MultiPolygon
+from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
+from scipy.optimize import linear_sum_assignment
+from shapely import MultiPolygon, Polygon, affinity
 
 from knotfab.base.arrays import Array
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget
 from knotfab.design.design import Design, plan_searches, price_design, settle_design
-from knotfab.design.film_motion import Anchor, Tautness, outline_motion, transport
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.settings import place_start
 from knotfab.geometry.carry import Carried, carry
-from knotfab.geometry.polylines import Polylines, polylines_of_sizes
+from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.knots import Knots
+from knotfab.limits.terms import Felt, State, total_length
 from knotfab.picture.frames import count_knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
+from knotfab.picture.silhouette import polygon_iou
 from knotfab.plan import Attempts, Search, Steps
-from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start
+from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.require import require_sequence
 from knotfab.search.flow import FlowSettings, Phase, Plan, repair_phase, three_phases
+from knotfab.search.objective import Term, Weights
 from knotfab.start.profiles import lower
+from knotfab_formats.report import Motion
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.search import PRESETS, SearchSettings
 
-POOR = 0.025  # another attempt is made where the IoU is this far below that of the opening
+POOR = 0.02  # another attempt is made where the IoU is this far below that of the opening
+_EDGE = 0.45  # longest spacing of vertices in tube radii, since strands stretch and none is added
 _SLACK = 1.1  # length that a frame's knots may have over the first ones, for pictures of equal area
+_TAUT = 0.05  # weight of the length beyond that
 _THINNER = 0.93  # ratio of the next radius to the last
 _FAR = 2.0  # distance, in tube radii, at which a strand no longer feels the silhouette
-_ROOM = (
-    1.04  # factor on the bend radius, which leaves room for the vertices that `finish_frame` adds
-)
-_SHORTEST = 1 / 32  # shortest certified step of `double_vertices`, as a share of the way
-_MORE = 2.0  # factor on the iterations of a further attempt
-_ALIKE = (
-    0.5  # another frame is the better start if it differs less than this share of the neighbour
-)
+_MORE = 2.0  # factor on the iterations of the last attempt
+# another frame is the better start if it differs less than this share of the neighbour
+_ALIKE = 0.5
+_GRID = 144  # grid points on the longer side of a displacement
+_CLIP = 6.0  # clip of the distances from an outline, grid points
+_BETTER = 0.05  # IoU that a shift or stretch must gain
+_FITS = 0.98  # IoU above which a shifted or stretched silhouette is taken as it is
 
 
 @dataclass(frozen=True)
-class FrameResult:
-    """One frame's knots, whose vertices have the same order in all frames.
-
-    `beyond_mm`: the largest excess over the motion bound; negative while it is kept. `transported`: the share
-    of the displacement between the pictures that was certified; the flow did the rest.
-    """
-
-    result: SearchResult
-    beyond_mm: float
-    transported: float = 1.0
-
-    @property
-    def sound(self) -> bool:
-        """Whether every limit holds, the bound on motion included."""
-        return self.result.feasible and self.beyond_mm <= 0
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """One way to search a frame: from the knots of frame `origin` (from 0).
+class Way:
+    """A start of a frame's search: the knots of frame `origin` (from 0).
 
     `closes`: whether the knots are held near the frame across the loop's seam. `effort`: factor on the
-    iterations. `still`: whether the knots are only repaired.
+    iterations.
     """
 
     origin: int
     closes: bool = True
     effort: float = 1.0
-    still: bool = False
-    why: str = field(default="", compare=False)  # the attempt before did not do
-
-
-@dataclass(frozen=True)
-class Trial:
-    """The result of one attempt; `ended`, with twice the vertices, is None if `found` breaks a limit."""
-
-    attempt: Attempt
-    found: FrameResult
-    ended: FrameResult | None
-
-    @property
-    def quality(self) -> tuple[bool, float]:
-        if self.ended is None:
-            return False, self.found.result.iou_estimate
-        return self.ended.sound, self.ended.result.iou_estimate
-
-    @property
-    def lack(self) -> str:
-        """Why another attempt follows."""
-        sound, iou = self.quality
-        return (
-            f"it comes to an IoU of {iou:.3f}"
-            if sound
-            else "it breaks a limit or its motion's bound"
-        )
 
 
 @dataclass(frozen=True)
@@ -123,15 +85,32 @@ class Tie:
 
 @dataclass(frozen=True)
 class SequenceFrame:
-    """One frame's design in scene coordinates, and the trial that found it; None for the first.
+    """One frame's design in scene coordinates; its vertices have the same order in all frames.
 
-    Frames are numbered from 0. `searched`: the knots before their vertices were doubled.
+    Frames are numbered from 0. `way` is None for the first that was searched. `beyond_mm`: the largest excess
+    over the motion bound; negative while it is kept.
     """
 
     number: int
     made: Design
-    searched: Knots
-    trial: Trial | None = None
+    way: Way | None = None
+    beyond_mm: float = -np.inf
+
+    @property
+    def quality(self) -> tuple[bool, float]:
+        """Whether every limit holds, the bound on motion included; and the IoU."""
+        result = self.made.result
+        return result.feasible and self.beyond_mm <= 0, result.iou_estimate
+
+    @property
+    def lack(self) -> str:
+        """Why another attempt follows."""
+        sound, iou = self.quality
+        return (
+            f"it comes to an IoU of {iou:.3f}"
+            if sound
+            else "it breaks a limit or its motion's bound"
+        )
 
 
 class Chain:
@@ -165,149 +144,97 @@ class Chain:
         self._progress, self._budget = self._attempts.progress, budget
         self._closing = scene.sequence.loop
         self._count = count_knots(targets, scene.piece.knots)
-        self._first = pick_first(targets)
         self._frames: dict[int, SequenceFrame] = {}
 
     def frames(self) -> Iterator[SequenceFrame]:
-        """Yield the frames as they are found, first the one with the most ink; none changes afterwards."""
-        first = self._begin()
-        self.accept(first)
-        yield first
-        count = len(self._targets)
-        for number in (*range(self._first + 1, count), *range(self._first - 1, -1, -1)):
-            neighbour = number - 1 if number > self._first else number + 1
-            nearest = self._start_of(number, neighbour, self._frames)
-            same = bool(np.array_equal(self._targets[nearest].mask, self._targets[number].mask))
-            ways = list_attempts(nearest, neighbour, self._closing, same)
-            found = self._search(number, ways)
-            self.accept(found)
+        """Yield the frames as they are found, first the one with the most ink."""
+        first, count = pick_first(self._targets), len(self._targets)
+        for number in (*range(first, count), *range(first - 1, -1, -1)):
+            neighbour = number - 1 if number > first else number + 1
+            plan = self._plan(number, neighbour) if self._frames else self._plan_first(first)
+            found = self._frames[number] = self._attempts.carry_out(plan)
+            self._closing = self._closing and (found.way is None or found.way.closes)
             yield found
 
-    def retry(self, number: int) -> SequenceFrame:
-        """Search a failed frame again from another start, near its neighbours.
-
-        It replaces the failed one once `accept` gets it.
-        """
-        neighbours = [j for j in (number - 1, number + 1) if j in self._frames]
-        nearest = self._start_of(number, neighbours[0], [j for j in self._frames if j != number])
-        trial = self._frames[number].trial
-        used = None if trial is None else trial.attempt.origin
-        return self._search(number, list_retries([nearest, *neighbours], used, self._closing))
-
-    def accept(self, frame: SequenceFrame) -> None:
-        """Enter a frame in the chain: frames searched from now on stay near it."""
-        self._frames[frame.number] = frame
-        self._closing = self._closing and (frame.trial is None or frame.trial.attempt.closes)
-
-    def _begin(self) -> SequenceFrame:
-        """Search the first frame from a template, and settle what all frames take from it."""
+    def _plan_first(self, number: int) -> Steps[SequenceFrame]:
+        """Plan the search of the first frame from a template, and settle what all take from it."""
         scene, targets, progress = self._scene, self._targets, self._progress
         settings = scene.settings
         if settings.free_view:
             scene, settings = place_start(scene, settings)
-        target = targets[self._first]
+        target = targets[number]
         with progress.stage("radius"):
             question = ask(scene, [target])
-            others = [
-                silhouette_polygon(question.views[0], other)
-                for other in targets
-                if other is not target
-            ]
+            others = [silhouette_polygon(question.views[0], t) for t in targets if t is not target]
             radius, choice = radius_for_all(question, others, settings, self._count)
         piece = scene.piece.but(
             knots=self._count, knots_asked=scene.piece.asks_for_bridges, tube_radius_mm=radius
         )
-        asked = scene.but(piece=piece, views=(scene.views[0].but(name=target.name),))
+        edge = min(settings.settle_edge_radii, _EDGE)
+        asked = scene.but(
+            piece=piece,
+            views=(scene.views[0].but(name=target.name),),
+            search={**scene.search, "settle_edge_radii": edge},
+        )
         share = None
         if self._budget is not None:
             # a later frame takes 0.8 of the first one's time
             frame_s = self._budget.search_s(0) / (1.0 + 0.8 * (len(targets) - 1))
             share = Budget(time.perf_counter() + frame_s)
-        first = self._attempts.carry_out(
-            plan_searches(asked, [target], self._device, progress, share)
-        )
+        first = yield from plan_searches(asked, [target], self._device, progress, share)
         # keep the region's file as the scene names it, and let each frame's picture set its required IoU
         within = first.scene.but(region=question.problem.region, accuracy=scene.accuracy)
-        self._settings, self._radius = first.settings, radius
-        self._rings, self._why = first.knots.rings, first.result.log.template
         with progress.stage("search"):
             self._questions = [ask(_rename_view(within, t), [t]) for t in targets]
-            self._problems = [question.problem for question in self._questions]
-            polygons = [problem.polygons[0] for problem in self._problems]
+            polygons = [question.problem.polygons[0] for question in self._questions]
             self._outlines = [
                 outline_motion(p, q, self._count)
                 for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
             ]
-            ended = self._attempts.carry_out(self._finish(self._first, first.result, []))
-        made = settle_design(self._questions[self._first], ended.result, first.settings)
-        made = replace(made, radius=choice, unmet=first.unmet, binding=first.binding)
-        return SequenceFrame(self._first, made, first.knots)
+        self._settings, self._radius, self._why = first.settings, radius, first.result.log.template
+        length = sum(knot.length_mm for knot in first.knots.knots)
+        self._longest = [
+            _SLACK * length * max(1.0, p.area / polygons[number].area) for p in polygons
+        ]
+        return SequenceFrame(number, replace(first, radius=choice))
 
-    def _search(self, number: int, ways: Sequence[Attempt]) -> SequenceFrame:
-        """Search a frame by several attempts, and settle the best."""
-        ties, done, count = (
-            list_ties(number, self._frames, self._outlines),
-            len(self._frames),
-            len(self._targets),
+    def _plan(self, number: int, neighbour: int) -> Steps[SequenceFrame]:
+        """Plan a frame's attempts until one keeps every limit and draws the picture; return the best."""
+        question = self._questions[number]
+        masks = [target.mask for target in self._targets]
+        nearest = pick_start(masks, number, neighbour, self._frames)
+        wanted = opening_iou(question.problem.polygons[0], self._radius) - POOR
+        best: SequenceFrame | None = None
+        for way in list_ways(nearest, neighbour, self._closing):
+            anchors = [
+                Anchor(
+                    self._frames[tie.frame].made.knots.points,
+                    tie.outline_mm + self._radius,
+                    self._radius,
+                )
+                for tie in list_ties(number, self._frames, self._outlines)
+                if way.closes or not tie.loop
+            ]
+            before = self._frames[way.origin].made
+            with self._progress.stage("search"):
+                result: SearchResult = yield frame_search(
+                    before.knots,
+                    f"the knot of frame {way.origin + 1}; of the first one: {self._why}",
+                    (self._questions[way.origin].problem, question.problem),
+                    self._settings.scaled(way.effort),
+                    (*anchors, Tautness(self._longest[number], self._radius)),
+                    "" if best is None else best.lack,
+                )
+            beyond = max((a.excess(result.knots.points) for a in anchors), default=-np.inf)
+            made = settle_design(question, result, self._settings)
+            found = SequenceFrame(number, made, way, beyond)
+            best = found if best is None or found.quality > best.quality else best
+            if best.quality >= (True, wanted):
+                break
+        assert best is not None
+        return replace(
+            best, made=(yield from price_design(best.made, question, None, None, self._progress))
         )
-        wanted = opening_iou(self._problems[number].polygons[0], self._radius) - POOR
-
-        def report(part: float, _: float | None) -> None:
-            self._progress.update((done + part) / count)
-
-        with self._progress.stage("search"):
-            best = self._attempts.carry_out(
-                plan_best(ways, lambda way: self._try(number, way, ties, report), wanted)
-            )
-            ended = best.ended or self._attempts.carry_out(
-                self._finish(number, best.found.result, self._anchors(ties, best.attempt, True))
-            )
-        made = settle_design(self._questions[number], ended.result, self._settings)
-        made = self._attempts.carry_out(
-            price_design(made, self._questions[number], None, None, self._progress)
-        )
-        return SequenceFrame(number, made, best.found.result.knots, best)
-
-    def _try(self, number: int, way: Attempt, ties: Sequence[Tie], report: Report) -> Steps[Trial]:
-        areas = [self._problems[k].polygons[0].area for k in (self._first, number)]
-        longest = _SLACK * sum(k.length_mm for k in self._frames[self._first].searched.knots)
-        found = yield from search_frame(
-            self._frames[way.origin].searched,
-            self._rings,
-            (self._problems[way.origin], self._problems[number]),
-            self._radius,
-            self._settings.scaled(way.effort),
-            longest * max(1.0, areas[1] / areas[0]),
-            self._anchors(ties, way, False),
-            report,
-            way.still,
-            way.why,
-        )
-        log = found.result.log
-        log.template = f"the knot of frame {way.origin + 1}; of the first one: {self._why}"
-        ended = None
-        if found.sound:
-            ended = yield from self._finish(number, found.result, self._anchors(ties, way, True))
-        return Trial(way, found, ended)
-
-    def _finish(
-        self, number: int, found: SearchResult, anchors: Sequence[Anchor]
-    ) -> Steps[FrameResult]:
-        problem = self._problems[number]
-        return finish_frame(found, self._rings, problem, self._radius, self._settings, anchors)
-
-    def _anchors(self, ties: Sequence[Tie], way: Attempt, fine: bool) -> list[Anchor]:
-        """Return the terms that hold a frame near others, as they were searched or, `fine`, as finished."""
-        found = []
-        for tie in ties:
-            frame = self._frames[tie.frame]
-            points = frame.made.knots.points if fine else frame.searched.points
-            if way.closes or not tie.loop:
-                found.append(Anchor(points, tie.outline_mm + self._radius, self._radius))
-        return found
-
-    def _start_of(self, number: int, neighbour: int, known: Iterable[int]) -> int:
-        return pick_start([t.mask for t in self._targets], number, neighbour, known)
 
 
 def radius_for_all(
@@ -380,143 +307,59 @@ def list_ties(number: int, known: Container[int], outlines: Sequence[float]) -> 
     return tuple(ties)
 
 
-def list_attempts(nearest: int, neighbour: int, closes: bool, same: bool) -> list[Attempt]:
-    """List the attempts at a frame in their order.
+def list_ways(nearest: int, neighbour: int, closes: bool) -> list[Way]:
+    """List the ways to search a frame in their order.
 
     They begin from the frame most alike, then from the neighbour; first held near the frame across the seam,
-    then not, then with more iterations. Last come the neighbour's knots unchanged, which draw the wrong
-    picture but keep every limit.
-
-    Args:
-        closes: whether the loop is closed. same: whether the nearest frame has the same picture.
+    if the loop `closes`, then not, then with more iterations.
     """
-    bound = [Attempt(nearest), Attempt(neighbour)] if closes else []
-    free = [Attempt(nearest, False), Attempt(neighbour, False), Attempt(neighbour, False, _MORE)]
-    held = [Attempt(neighbour, c, still=True) for c in ((True, False) if closes else (False,))]
-    before = [replace(held[0], origin=nearest)] if same else []
-    return list(dict.fromkeys([*before, *bound, *free, *held]))
+    bound = [Way(nearest), Way(neighbour)] if closes else []
+    free = [Way(nearest, False), Way(neighbour, False), Way(neighbour, False, _MORE)]
+    return list(dict.fromkeys([*bound, *free]))
 
 
-def list_retries(origins: Iterable[int], used: int | None, closes: bool) -> list[Attempt]:
-    """List attempts with more iterations, from each frame but the one that was used before."""
-    found = [Attempt(j, closes, _MORE) for j in dict.fromkeys(origins) if j != used]
-    return found or [Attempt(j, False, 2 * _MORE) for j in dict.fromkeys(origins)]
-
-
-def plan_best(
-    ways: Iterable[Attempt], plan: Callable[[Attempt], Steps[Trial]], wanted: float
-) -> Steps[Trial]:
-    """Plan attempts until one keeps every limit with at least the IoU `wanted`; return the best."""
-    best: Trial | None = None
-    for way in ways:
-        if way.still and best is not None and best.quality[0]:
-            continue  # the last resort for a frame that breaks a limit
-        trial = yield from plan(way if best is None else replace(way, why=best.lack))
-        if best is None or trial.quality > best.quality:
-            best = trial
-        if best.quality >= (True, wanted):
-            break
-    assert best is not None
-    return best
-
-
-def search_frame(
+def frame_search(
     before: Knots,
-    rings: Polylines,
+    why_known: str,
     problems: tuple[Problem, Problem],
-    radius: float,
     settings: SearchSettings,
-    taut_mm: float,
-    anchors: Sequence[Anchor],
-    report: Report | None = None,
-    still: bool = False,
+    terms: tuple[Term, ...],
     why: str = "",
-) -> Steps[FrameResult]:
-    """Plan the search of a frame from the knots of an earlier one, `before`, whose vertices it keeps.
+) -> Search:
+    """Return the search of a frame from the knots of an earlier one, whose vertices it keeps.
 
-    The knots are transported by the displacement between the silhouettes. The search on the new picture
-    follows, with the motion bound in its objective.
+    The motion of the picture carries them along.
 
     Args:
         problems: of the earlier frame and of this one.
-        taut_mm: length beyond which the knots are pulled taut.
-        anchors: places that the vertices must stay near.
-        still: keep the knots as they are, and repair only the limits that they break.
+        why_known: why the knots' type is known.
+        terms: hold the vertices near other frames.
+        why: why another attempt is made.
     """
-    old, new = problems
-    log = CertificateLog("the knot of an earlier frame", tuple(knot.type for knot in before.knots))
-    if still:
-        points, what = before.points, "another frame's knots"
-        more = {"terms": tuple(anchors), "plan": _plan(settings, ())}
-        far, transported = False, 0.0
-    else:
-        # `finish_frame` adds vertices, which bend more where edges are uneven
-        new = replace(new, bend_radius=_ROOM * new.limits(radius).bend_radius)
-        (was,), (now,) = old.polygons, new.polygons
-        furthest = outline_motion(was, now, len(rings.sizes)) + 0.5 * radius
-        light, axes = new.views[0].view.light_distance_mm, new.views[0].axes
-        moved = transport(before.points @ axes.T, rings, was, now, light, radius, furthest)
-        log.accepted, log.refused = moved.steps, moved.refused
-        log.add_margin(moved.least_margin)
-        far, transported = is_far(moved.points, rings, now, light, radius), moved.reached
-        points, what = moved.points @ axes, "another frame's knots, carried along"
-        # the transport has done half of the work
-        phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
-        terms = (*anchors, Tautness(taut_mm, radius))
-        more = {"terms": terms, "plan": _plan(settings, phases), "report": report}
-    start = Start(tuple(rings.split(points)), log.template, log.types, far=far)
-    what = f"{new.views[0].view.name} from {what}"
-    result = yield Search(what, new, start, radius, settings, why, {**more, "log": log})
-    return FrameResult(result, _largest_excess(result, anchors), transported)
+    problem = problems[1]
+    types, radius = tuple(knot.type for knot in before.knots), before.radius_mm
+    rings, log = polylines_of([k.points for k in before.knots]), CertificateLog(why_known, types)
+    (old, new), axes = (one.polygons[0] for one in problems), problem.views[0].axes
+    light = problem.views[0].view.light_distance_mm
+    furthest = outline_motion(old, new, len(types)) + 0.5 * radius
+    moved = transport(before.points @ axes.T, rings, old, new, light, radius, furthest)
+    log.accepted, log.refused = moved.steps, moved.refused
+    log.add_margin(moved.least_margin)
+    far = is_far(moved.points, rings, new, light, radius)
+    start = Start(tuple(rings.split(moved.points @ axes)), why_known, types, far=far)
+    # the transport has done half of the work
+    phases = three_phases(settings.scaled(0.5), rates=(0.12, 0.06, 0.02))
 
+    # few vertices share a step whose length counts over all, so repairs take short steps
+    def repair(number: int) -> Phase:
+        rate = 0.01 * 0.7**number
+        walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
+        return replace(repair_phase(settings, number), walk=walk)
 
-def finish_frame(
-    earlier: SearchResult,
-    rings: Polylines,
-    problem: Problem,
-    radius: float,
-    settings: SearchSettings,
-    anchors: Sequence[Anchor],
-) -> Steps[FrameResult]:
-    """Double the vertices of a frame for its part, and plan the repair of the limits that this breaks.
-
-    Args:
-        earlier: the search that found the frame; its log is continued, and its work added to the result's.
-    """
-    log = earlier.log
-    doubled, both = double_vertices(earlier.knots.points, rings)
-    if doubled.steps:
-        log.resamplings += 1
-        log.add_margin(doubled.least_margin)
-    else:
-        log.resamplings_refused += 1
-    start = Start(tuple(both.split(doubled.points)), log.template, log.types)
-    more = {"terms": tuple(anchors), "plan": _plan(settings, ()), "log": log}
-    what = f"{problem.views[0].view.name} with twice the vertices"
-    result = yield Search(what, problem, start, radius, settings, more=more)
-    result.add_work(earlier)
-    return FrameResult(result, _largest_excess(result, anchors))
-
-
-def double_vertices(points: Array, rings: Polylines) -> tuple[Carried, Polylines]:
-    """Add a vertex in the middle of each edge of closed polylines, and round the old ones, (2 N, 3).
-
-    A frame's search cannot add vertices, so stretched knots have long edges, which show in the outline. Each
-    old vertex moves an eighth of its second difference inwards: one subdivision step towards the uniform
-    cubic B-spline (Lane and Riesenfeld, "A theoretical development for the computer generation and display
-    of piecewise polynomial surfaces", IEEE TPAMI 2(1), 1980). The motion is certified, and stops where it
-    cannot be. Vertex 2i is the old vertex i, and 2i + 1 the new one after it.
-
-    With even edges the new second differences average the old ones, so no bend gets sharper. A curve through
-    the old vertices would double bends that alternate from vertex to vertex, too small for a repair to see.
-    """
-    ahead, behind = points[rings.next], points[rings.previous]
-    start, step = np.empty((2 * len(points), 3)), np.zeros((2 * len(points), 3))
-    start[::2], start[1::2] = points, 0.5 * (points + ahead)
-    step[::2] = (ahead + behind - 2.0 * points) / 8.0
-    both = polylines_of_sizes(tuple(2 * n for n in rings.sizes))
-    whole = carry(start, both, lambda at, share: start + share * step, np.inf, _SHORTEST, 1.0)
-    return whole, both
+    plan = Plan(phases, repair, repairs=6, keep_vertices=True)
+    what = f"{problem.views[0].view.name} from another frame's knots, carried along"
+    more = {"terms": terms, "plan": plan, "log": log}
+    return Search(what, problem, start, radius, settings, why, more)
 
 
 def is_far(
@@ -530,23 +373,194 @@ def is_far(
     return bool(outside.max() > _FAR * radius) or not polygon.difference(covered).is_empty
 
 
-def _plan(settings: SearchSettings, phases: Sequence[Phase]) -> Plan:
-    # few vertices share a step whose length counts over all, so repairs take short steps
-    def repair(number: int) -> Phase:
-        rate = 0.01 * 0.7**number
-        walk = FlowSettings(iterations=60, rate=rate, rate_end=0.1 * rate)
-        return replace(repair_phase(settings, number), walk=walk)
-
-    return Plan(tuple(phases), repair, repairs=6, keep_vertices=True)
-
-
-def _largest_excess(result: SearchResult, anchors: Sequence[Anchor]) -> float:
-    return max((a.excess(result.knots.points) for a in anchors), default=-np.inf)
-
-
 def _rename_view(scene: SettledScene, target: Target) -> ResolvedScene:
     """Return the scene with its view named after another frame's picture."""
     view = scene.views[0].but(
         name=target.name, title=target.name, picture=f"picture-{target.name}{target.suffix}"
     )
     return scene.but(views=(view,))
+
+
+# the bound on motion: as far as the outlines of two pictures are apart, plus one tube radius
+
+
+def pair_pieces(
+    old: MultiPolygon, new: MultiPolygon, count: int
+) -> list[tuple[MultiPolygon, MultiPolygon]]:
+    """Pair the `count` largest pieces of two silhouettes, or both as wholes if one has fewer pieces.
+
+    The pairing minimises the total motion of centroids plus change of sizes.
+    """
+    before, after = (sorted(p.geoms, key=lambda piece: -piece.area)[:count] for p in (old, new))
+    if count == 1 or min(len(before), len(after)) < count:
+        return [(old, new)]
+    _, then = linear_sum_assignment([[_change(one, other) for other in after] for one in before])
+    return [
+        (MultiPolygon([one]), MultiPolygon([after[k]])) for one, k in zip(before, then, strict=True)
+    ]
+
+
+def _change(one: Polygon, other: Polygon) -> float:
+    """Return the motion of a piece's centroid plus the change of its size, mm."""
+    return float(one.centroid.distance(other.centroid) + abs(one.area**0.5 - other.area**0.5))
+
+
+def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> float:
+    """Return the Hausdorff distance of two silhouettes' outlines, holes included, mm.
+
+    If each of several `knots` draws its own piece, it is the largest distance of paired pieces. Sampling
+    every 0.1 mm makes the result at most 0.05 mm too short, and never too long.
+    """
+    pairs = pair_pieces(old, new, knots)
+    return max(max(_furthest(p, q), _furthest(q, p)) for p, q in pairs)
+
+
+def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
+    """Return the largest distance of the outline of `one` from that of `other`, mm."""
+    points = shapely.points(shapely.get_coordinates(one.boundary.segmentize(0.1)))
+    line = other.boundary
+    shapely.prepare(line)
+    return float(shapely.distance(points, line).max())
+
+
+@dataclass(frozen=True)
+class Anchor(Term):
+    """A hard limit on each vertex's distance from its place in another frame, (N, 3) mm.
+
+    As a term of the objective it is the sum of squared excesses, in tube radii.
+    """
+
+    points: Array
+    limit_mm: float
+    radius_mm: float
+
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        away = state.points - self.points
+        # the small term keeps the root's slope finite at 0, where the hinge is inactive anyway
+        length = np.sqrt((away * away).sum(axis=1) + 1e-12)
+        # the pull begins a little before the limit
+        beyond = np.maximum(length - 0.97 * self.limit_mm, 0.0) / self.radius_mm
+        slope = (2.0 * weights.hold / self.radius_mm * beyond / length)[:, None] * away
+        return weights.hold * float((beyond * beyond).sum()), slope
+
+    def kept(self, points: Array) -> bool:
+        return self.excess(points) <= 0
+
+    def excess(self, points: Array) -> float:
+        """Return the largest excess over the limit, mm; negative while all vertices keep it."""
+        return float(np.linalg.norm(points - self.points, axis=1).max()) - self.limit_mm
+
+
+@dataclass(frozen=True)
+class Tautness(Term):
+    """Penalise knots longer than `length_mm`, whose fixed number of vertices would leave visible edges."""
+
+    length_mm: float
+    radius_mm: float
+
+    def __call__(self, state: State, weights: Weights) -> Felt:
+        length, slope = total_length(state)
+        excess = max(0.0, length - self.length_mm) / self.radius_mm
+        return _TAUT * excess**2, 2.0 * _TAUT * excess / self.radius_mm * slope
+
+
+def measure_motion(old: Array, new: Array, outline_mm: float, radius: float) -> Motion:
+    """Measure the vertices' motion from `old` to `new` (N, 3) against its bound, `outline_mm` + `radius`."""
+    length = np.linalg.norm(new - old, axis=1)
+    largest, limit = float(length.max()), outline_mm + radius
+    return Motion(
+        largest_mm=largest,
+        mean_mm=float(length.mean()),
+        outline_mm=outline_mm,
+        limit_mm=limit,
+        held=largest <= limit,
+    )
+
+
+# the picture's motion, which carries a knot along
+
+
+def transport(
+    points: Array,
+    rings: Polylines,
+    old: MultiPolygon,
+    new: MultiPolygon,
+    light_mm: float,
+    radius: float,
+    furthest_mm: float,
+) -> Carried:
+    """Move the vertices (N, 3) by the displacement that takes silhouette `old` to `new`, step by step.
+
+    Each step is certified to keep the knots' type; the way ends where no step can be. Each of several knots
+    follows its own piece. A vertex keeps its depth, and its projection from the light onto z = 0 moves.
+
+    Args:
+        light_mm: distance of the light from the middle of the piece.
+        furthest_mm: longest way of a vertex.
+    """
+    shrink = (1.0 - points[:, 2] / light_mm)[:, None]
+    seen = rings.split(points[:, :2] / shrink)
+    pairs = pair_pieces(old, new, len(seen))
+    if len(pairs) < len(seen):
+        pairs = pairs * len(seen)
+    away = [
+        [float(shapely.distance(p, shapely.points(at)).mean()) for p, _ in pairs] for at in seen
+    ]
+    _, drawn = linear_sum_assignment(away)
+    shift = shrink * np.concatenate(
+        [displace(at, *pairs[int(k)], 6.0 * radius) for at, k in zip(seen, drawn, strict=True)]
+    )
+    length = np.linalg.norm(shift, axis=1)
+    shift *= np.minimum(1.0, furthest_mm / np.maximum(length, 1e-12))[:, None]
+    whole = np.column_stack([shift, np.zeros(len(points))])
+    return carry(points, rings, lambda at, share: points + share * whole, 0.5 * radius, 1e-3)
+
+
+def displace(at: Array, old: MultiPolygon, new: MultiPolygon, margin: float) -> Array:
+    """Return the smooth displacement that takes silhouette `old` to `new`, at points (n, 2) mm.
+
+    What a shift or a stretch does not lay over it the optical flow between their distances does.
+
+    Args:
+        margin: width of the border around both, mm.
+    """
+    import skimage.registration as untyped
+
+    registration: Any = untyped
+
+    stretch, offset, overlap = _lay_over(old, new)
+    there = stretch * at + offset
+    if overlap > _FITS:
+        return there - at
+    moved = affinity.affine_transform(old, [stretch[0], 0, 0, stretch[1], *offset])
+    both = np.array([moved.bounds, new.bounds])
+    low, high = both[:, :2].min(0) - margin, both[:, 2:].max(0) + margin
+    pitch = float((high - low).max()) / _GRID
+    x, y = (np.arange(a, b + pitch, pitch) for a, b in zip(low, high, strict=True))
+    images = []
+    for polygon in (moved, new):
+        shapely.prepare(polygon)
+        inside = shapely.contains_xy(polygon, *np.meshgrid(x, y))
+        signed = distance_transform_edt(inside) - distance_transform_edt(~inside)
+        images.append(np.tanh(gaussian_filter(signed, 0.7) / _CLIP))
+    flow = registration.optical_flow_tvl1(*images, num_warp=10, num_iter=20)
+    where = ((there - low) / pitch).T[::-1]
+    found = [map_coordinates(pitch * part, where, order=1, mode="nearest") for part in flow[::-1]]
+    return np.asarray(there - at + np.stack(found, axis=1))
+
+
+def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float]:
+    """Return the stretch and offset (mm) that lay `old` over `new`, and the IoU then.
+
+    It tries a shift of the centroid and a stretch of the bounding box, and takes neither unless IoU grows.
+    """
+    sizes = [np.subtract(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
+    middles = [0.5 * np.add(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
+    centroids = [np.array(p.centroid.coords[0]) for p in (old, new)]
+    best = np.ones(2), np.zeros(2), polygon_iou(old, new)
+    for stretch, (here, there) in ((np.ones(2), centroids), (sizes[1] / sizes[0], middles)):
+        offset = there - stretch * here
+        moved = affinity.affine_transform(old, [stretch[0], 0, 0, stretch[1], *offset])
+        if (iou := polygon_iou(moved, new)) > best[2] + _BETTER:
+            best = stretch, offset, iou
+    return best

@@ -1,4 +1,4 @@
-"""Make a sequence: a part for each frame."""
+"""Make a sequence: each frame is a piece, made and reported as any, and one report tells of all."""
 
 from __future__ import annotations
 
@@ -12,19 +12,15 @@ import numpy as np
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.design.budget import Budget
-from knotfab.design.film import POOR, Chain, SequenceFrame
-from knotfab.design.film_motion import measure_motion, outline_motion
+from knotfab.design.film import Chain, SequenceFrame, measure_motion, outline_motion
 from knotfab.design.question import silhouette_polygon
 from knotfab.knots import count_in_words, read_knots
 from knotfab.limits.feasibility import LEAST
-from knotfab.part.assemble import part_of
 from knotfab.part.slicer_process import sum_slicings
-from knotfab.part.slicer_profile import write_profile
 from knotfab.picture.frames import count_knots, tell_apart
-from knotfab.picture.read import read_target
 from knotfab.pipeline.finish import report_piece
-from knotfab.pipeline.piece import Settled, WrittenPiece, discard_piece, write_piece
-from knotfab.pipeline.plan import Workshop
+from knotfab.pipeline.piece import Settled, WrittenPiece
+from knotfab.pipeline.plan import Workshop, plan_places
 from knotfab.plan import Attempts
 from knotfab.report.effects import limits_as_effects
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
@@ -49,7 +45,8 @@ PICTURES = "picture-frame-*"  # how scene.toml names the frames' pictures
 _OF_FRAME = ("pose", "flatter", "support_access", "bars", "feet")  # keys of `print` told by frame
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")  # keys of `print` summed over frames
 _FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
-Line = TypeVar("Line")
+Line = TypeVar("Line", EffectLine, LimitLine)
+Named = TypeVar("Named", Check, EffectLine, LimitLine)
 
 
 def make_film(
@@ -67,72 +64,25 @@ def make_film(
     knots = count_knots(targets, request.scene.piece.knots)
     if (apart := tell_apart(targets, knots)) is not None:
         progress.say(apart)
-    if request.printing:
-        write_profile(folder.work, request.scene)
-    chain = Chain(request.scene, targets, request.device, attempts, left)
     found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
-
-    def write(frame: SequenceFrame) -> WrittenPiece:
-        target = targets[frame.number]
-        work = folder, request, shop.verifier, shop.slicer, progress
-        settled: Settled | str
-        try:  # frames share one depth and one wall
-            settled = frame.made, part_of(frame.made, request.printing, [target], progress), None
+    for frame in Chain(request.scene, targets, request.device, attempts, left).frames():
+        one = [targets[frame.number]]
+        try:
+            plan = plan_places(request, one, frame.made, progress)
+            settled: Settled | str = attempts.carry_out(plan)
         except SceneError as error:
             settled = str(error)
-        suffix = "-" + target.name.removeprefix("frame-")
-        return write_piece(frame.made, [target], settled, *work, suffix)
-
-    for frame in chain.frames():
-        found[frame.number] = frame, write(frame)
-    for number, (frame, piece) in found.items():
-        with progress.stage("verify"):
-            _ = piece.verdict
-        found[number] = _retry_failed(chain, frame, piece, write, folder)
-    ordered = [found[number] for number in sorted(found)]
-    frames, pieces = [f for f, _ in ordered], [p for _, p in ordered]
+        suffix = "-" + one[0].name.removeprefix("frame-")
+        found[frame.number] = frame, shop.write(request, one, frame.made, settled, suffix)
+    frames, pieces = zip(*(found[number] for number in sorted(found)), strict=True)
     write_scene(folder, request.scene, pieces[0].scene)
     reports = [report_piece(piece, folder, request, progress) for piece in pieces]
     with progress.stage("motion"):
         motions = _measure_motions(folder, pieces)
-    loop = request.scene.sequence.loop
-    closing = [check_closing(motions[-1])] if loop else []
-    checks = [check_motion(motions[:-1]), *closing]
+    closing = [check_closing(motions[-1])] if request.scene.sequence.loop else []
     with progress.stage("report"):
-        whole = reports, pieces, frames, motions, checks
-        return _sequence_report(*whole, request), "a sequence", pieces
-
-
-def _list_failed(frame: SequenceFrame, piece: WrittenPiece) -> list[str]:
-    limits = [] if frame.made.result.feasible else ["limits"]
-    unmet = list_unmet(piece.verdict.checks)
-    return [*limits, *(c.name for c in unmet if c.status == "fail")]
-
-
-def _retry_failed(
-    chain: Chain,
-    frame: SequenceFrame,
-    piece: WrittenPiece,
-    write: Callable[[SequenceFrame], WrittenPiece],
-    folder: OutputFolder,
-) -> tuple[SequenceFrame, WrittenPiece]:
-    """Search a failed frame again from another start, and keep the better one.
-
-    A frame whose limits or floor forbid a better result is returned as it is.
-    """
-    failed, made = _list_failed(frame, piece), frame.made
-    shadows = bool(failed) and set(failed) <= {"shadow", "half_light"}
-    best = shadows and made.result.iou_estimate >= made.opening_iou - POOR
-    if not failed or best or made.unmet or made.binding:
-        return frame, piece
-    again = chain.retry(frame.number)
-    discard_piece(piece, folder)
-    other = write(again)
-    if len(_list_failed(again, other)) < len(failed):
-        chain.accept(again)
-        return again, other
-    discard_piece(other, folder)
-    return frame, write(frame)
+        whole = reports, pieces, frames, motions, [check_motion(motions[:-1]), *closing]
+        return _sequence_report(*whole, request), "a sequence", list(pieces)
 
 
 def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
@@ -142,19 +92,12 @@ def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> li
         assert piece.scene.pose is not None
         written = read_knots(folder.file(f"knots{piece.suffix}.json"))
         points.append(written.moved(np.array(piece.scene.pose.matrix)).points)
-        (view,) = piece.made.scene.views
-        target = read_target(folder.file(view.picture), view)
-        outlines.append(silhouette_polygon(view, target))
+        outlines.append(silhouette_polygon(piece.scene.views[0], piece.targets[0]))
     knots = pieces[0].made.knots
-    following = [*range(1, len(pieces)), 0]
+    ahead = [*range(1, len(pieces)), 0]
+    ways = [outline_motion(outlines[k], outlines[n], len(knots.knots)) for k, n in enumerate(ahead)]
     return [
-        measure_motion(
-            points[k],
-            points[n],
-            outline_motion(outlines[k], outlines[n], len(knots.knots)),
-            knots.radius_mm,
-        )
-        for k, n in enumerate(following)
+        measure_motion(points[k], points[n], ways[k], knots.radius_mm) for k, n in enumerate(ahead)
     ]
 
 
@@ -219,13 +162,8 @@ def _sequence_report(
     slicings = {f"part{p.suffix}.3mf": p.sliced for p in pieces if p.sliced is not None}
     sliced = sum_slicings(slicings) if slicings else None
     print_, settings = _sum_prints(reports), reports[0].settings
-    limits = _merge_limits(reports)
+    limits, effects = merge_lines([r.limits for r in reports], _excess), list_effects(reports)
     knotted = count_in_words(len(pieces[0].made.knots.knots))
-    notes = [
-        f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl).",
-        *advise(views, pieces[0].made.knots.radius_mm),
-        *_shared_notes(reports),
-    ]
     prices = tuple(
         replace(price, frame=number)
         for number, frame in enumerate(reports, start=1)
@@ -236,7 +174,7 @@ def _sequence_report(
         verdict=worst_verdict(views),
         views=views,
         checks=together,
-        effects=(*_merge_effects(reports), *limits_as_effects(limits)),
+        effects=(*effects, *limits_as_effects(limits)),
         limits=limits,
         knots=tuple(knot for r in reports for knot in r.knots),
         print=with_slicing(print_, sliced) if request.printing else print_,
@@ -251,7 +189,12 @@ def _sequence_report(
                 loop=request.scene.sequence.loop,
             ),
         ),
-        notes=(*notes, *(tell_unsliced(sliced) if request.printing else ())),
+        notes=(
+            f"{len(reports)} frames of {knotted}, each a part of its own (part-NN.stl).",
+            *advise(views, pieces[0].made.knots.radius_mm),
+            *_shared_notes(reports),
+            *(tell_unsliced(sliced) if request.printing else ()),
+        ),
         binding=prices if any(r.binding is not None for r in reports) else None,
         slicer=None if sliced is None else report_slicing(sliced),
     )
@@ -277,8 +220,7 @@ def _list_views(
                     part=f"part-{number:02d}.stl",
                     status=report.status,
                     motion=None if number == 1 else motions[number - 2],
-                    began_as=None if frame.trial is None else frame.trial.attempt.origin + 1,
-                    transported=1.0 if frame.trial is None else frame.trial.found.transported,
+                    began_as=None if frame.way is None else frame.way.origin + 1,
                     certificate=Certificate(**vars(log), certified=log.certified),
                     mount=report.print.mount or MountFigures(kind="none"),
                     **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},
@@ -308,15 +250,13 @@ def advise(views: Sequence[FrameView], radius: float) -> list[str]:
     """Return for each failed frame a sentence that names the checks and a remedy."""
     found = []
     for number, view in enumerate(views, start=1):
-        failed = view.failed
-        if not failed:
+        if not view.failed:
             continue
         # of the motions into and out of this frame, the larger
         ways = [(v.motion.outline_mm, k) for k, v in enumerate(views, start=1) if v.motion]
         far, into = max((way for way in ways if way[1] in (number, number + 1)), default=(0.0, 0))
-        if "limits" in failed:
-            remedy = "give that limit more room in the scene, or draw this frame simpler"
-        elif view.pieces > view.knots:
+        remedy = "let it differ less from its neighbours, draw it simpler or larger"
+        if view.pieces > view.knots:
             remedy = (
                 f"its {view.pieces} pieces lie apart, and the strand that joins them shows: let them "
                 "touch, or build each of them as a sequence of its own"
@@ -326,11 +266,7 @@ def advise(views: Sequence[FrameView], radius: float) -> list[str]:
                 f"the outline goes {far:.0f} mm from frame {into - 1} to frame {into}, "
                 f"{far / radius:.0f} tube radii: draw a frame in between"
             )
-        elif "outline" in failed:
-            remedy = "parts of it are stretched: let it differ less from its neighbours, or draw it larger"
-        else:
-            remedy = "draw parts that touch in it further apart, or build with --accuracy standard or fine"
-        found.append(f"Frame {number} fails ({', '.join(failed)}): {remedy}.")
+        found.append(f"Frame {number} fails ({', '.join(view.failed)}): {remedy}.")
     return found
 
 
@@ -341,59 +277,54 @@ def _shared_notes(reports: Sequence[Report]) -> list[str]:
 
 def _merge_checks(reports: Sequence[Report]) -> list[Check]:
     """Merge each check over all frames: the worst status, with the figures of the worst frame that has it."""
-    numbered = [[(number, c) for c in r.checks] for number, r in enumerate(reports, start=1)]
+
+    def room(check: Check) -> float:
+        """Return the distance from the limit, on either side; 0 if they are not numbers."""
+        near, limit = check.measured, check.limit
+        if isinstance(near, int | float) and isinstance(limit, int | float):
+            return abs(near - limit)
+        return 0.0
+
     found = []
-    for lines in _by_name(numbered, lambda line: line[1].name):
-        status = min((c.status for _, c in lines), key=("fail", "skipped", "pass").index)
-        same = [(number, c) for number, c in lines if c.status == status]
-        sign = -1.0 if status == "fail" else 1.0
-        number, worst = min(same, key=lambda line: sign * _distance_to_limit(line[1]))
+    of = {id(check): number for number, r in enumerate(reports, start=1) for check in r.checks}
+    for checks in _by_name(r.checks for r in reports):
+        status = min((c.status for c in checks), key=("fail", "skipped", "pass").index)
+        same = [c for c in checks if c.status == status]
+        worst = (max if status == "fail" else min)(same, key=room)
         said = worst.detail
         if status == "fail":
-            said = f"frames {', '.join(str(n) for n, _ in same)}: {said}"
+            said = f"frames {', '.join(str(of[id(c)]) for c in same)}: {said}"
         elif status == "pass":
-            said = f"frame {number} of {len(reports)} has least room: {said}"
+            said = f"frame {of[id(worst)]} of {len(reports)} has least room: {said}"
         found.append(replace(worst, status=status, detail=said))
     return found
 
 
-def _distance_to_limit(check: Check) -> float:
-    """Return the distance of a check from its limit, on either side; 0 if they are not numbers."""
-    measured, limit = check.measured, check.limit
-    if not isinstance(measured, int | float) or not isinstance(limit, int | float):
-        return 0.0
-    return abs(float(measured) - float(limit))
-
-
-def _merge_effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
-    """Return each effect at its largest magnitude, with calls, seconds and stages summed over all frames."""
+def list_effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
+    """List each effect once for all frames; limits stand among the effects of each, and are left out."""
     limits = {line.name for r in reports for line in r.limits}
     every = [[line for line in r.effects if line.name not in limits] for r in reports]
-    found = []
-    for lines in _by_name(every, lambda line: line.name):
-        worst = max(lines, key=lambda line: (line.simulated, line.magnitude))
-        where = tuple(dict.fromkeys(stage for line in lines for stage in line.where))
-        found.append(replace(worst, where=where, **_sum_costs(lines)))
-    return tuple(found)
+    return merge_lines(every, lambda line: (line.simulated, line.magnitude))
 
 
-def _merge_limits(reports: Sequence[Report]) -> tuple[LimitLine, ...]:
-    """Return each limit as in the frame that comes nearest to it or goes farthest beyond."""
-
-    def excess(line: LimitLine) -> float:
-        return (line.measured - line.limit) * (-1.0 if line.name in LEAST else 1.0)
-
-    each = _by_name([r.limits for r in reports], lambda line: line.name)
-    return tuple(replace(max(lines, key=excess), **_sum_costs(lines)) for lines in each)
+def _excess(line: LimitLine) -> float:
+    return (line.measured - line.limit) * (-1.0 if line.name in LEAST else 1.0)
 
 
-def _by_name(frames: Iterable[Iterable[Line]], name: Callable[[Line], str]) -> list[list[Line]]:
-    found: dict[str, list[Line]] = {}
+def merge_lines(frames: Iterable[Iterable[Line]], size: Callable[[Line], Any]) -> tuple[Line, ...]:
+    """Return each line as in the frame where it is largest, with what it cost in all frames."""
+    merged = []
+    for lines in _by_name(frames):
+        more: dict[str, Any] = {"calls": sum(line.calls for line in lines)}
+        more["seconds"] = round(sum(line.seconds for line in lines), 4)
+        stages = [stage for line in lines for stage in getattr(line, "where", ())]
+        more |= {"where": tuple(dict.fromkeys(stages))} if stages else {}
+        merged.append(replace(max(lines, key=size), **more))
+    return tuple(merged)
+
+
+def _by_name(frames: Iterable[Iterable[Named]]) -> list[list[Named]]:
+    found: dict[str, list[Named]] = {}
     for line in (line for lines in frames for line in lines):
-        found.setdefault(name(line), []).append(line)
+        found.setdefault(line.name, []).append(line)
     return list(found.values())
-
-
-def _sum_costs(lines: Sequence[EffectLine | LimitLine]) -> dict[str, Any]:
-    seconds = round(sum(line.seconds for line in lines), 4)
-    return {"calls": sum(line.calls for line in lines), "seconds": seconds}

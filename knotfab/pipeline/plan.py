@@ -61,31 +61,41 @@ class Workshop:
     slicer: SlicerQueue
     progress: Progress
 
+    def write(
+        self,
+        request: Request,
+        targets: Sequence[Target],
+        made: Design,
+        settled: Settled | str,
+        suffix: str = "",
+    ) -> WrittenPiece:
+        """Write a design's piece, and have it verified and sliced.
+
+        Args:
+            targets: its pictures. settled: its part, or why there is none. suffix: of a frame's files.
+        """
+        if request.printing:
+            write_profile(self.folder.work, made.scene)
+        work = self.folder, request, self.verifier, self.slicer, self.progress
+        return write_piece(made, targets, settled, *work, suffix)
+
     def finish(
         self, request: Request, made: Design, settled: Settled | str, note: str = ""
     ) -> Made:
-        """Write a design's piece, have it verified and sliced, and report it.
-
-        Args:
-            settled: its part, or why there is none. note: a sentence for the report.
-        """
-        folder, progress = self.folder, self.progress
-        if request.printing:
-            write_profile(folder.work, made.scene)
-        work = folder, request, self.verifier, self.slicer, progress
-        piece = write_piece(made, self.targets, settled, *work)
+        """Write a design's piece and report it; `note` is a sentence for the report."""
+        piece = self.write(request, self.targets, made, settled)
         piece = replace(piece, notes=(*piece.notes, *filter(None, [note])))
         rest_modeller()
         if piece.part is not None:
-            with progress.stage("verify"):  # while the validators measure
+            with self.progress.stage("verify"):  # while the validators measure
                 eyes = place_eyes(piece.scene.views)
-                _draw(piece.part, piece.scene, eyes, folder.file("part.png"))
+                _draw(piece.part, piece.scene, eyes, self.folder.file("part.png"))
                 load_template()
-        report = report_piece(piece, folder, request, progress)
+        report = report_piece(piece, self.folder, request, self.progress)
         eyes = place_strangers(piece.scene.views, report)
         if piece.part is not None and len(eyes):
-            with progress.stage("report"):
-                _draw(piece.part, piece.scene, eyes, folder.file("unlit.png"))
+            with self.progress.stage("report"):
+                _draw(piece.part, piece.scene, eyes, self.folder.file("unlit.png"))
         return piece, report
 
 

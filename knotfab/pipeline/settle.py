@@ -24,7 +24,8 @@ def may_change(request: Request) -> tuple[bool, bool]:
     """Return whether the depth may be changed, and whether the wall's distance may."""
     scene = request.scene
     free = request.printing and request.time_budget_s is None and not scene.settings.start
-    free = free and not scene.mount.on_feet  # its plate settles both
+    # a plate settles both, and the frames of a sequence share both
+    free = free and not scene.mount.on_feet and not request.sequence
     # a free view finds its own wall
     given = "wall_distance_mm" in scene.views[0].model_fields_set
     wall = not given and not scene.settings.free_view

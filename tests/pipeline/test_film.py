@@ -6,9 +6,7 @@ import json
 import re
 import tomllib
 from collections.abc import Sequence
-from concurrent.futures import Future
 from pathlib import Path
-from threading import Timer
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,11 +15,11 @@ import pytest
 import trimesh
 from command import knotfab
 from PIL import Image, ImageDraw
-from reports import check_of, report_with
+from reports import report_with
 
 from knotfab.part.slicer_process import REMEDY, find_slicer
 from knotfab.pipeline.build import build
-from knotfab.pipeline.film import _merge_effects, _retry_failed, advise, check_closing, check_motion
+from knotfab.pipeline.film import advise, check_closing, check_motion, list_effects
 from knotfab.request import Outcome, Request
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Accuracy, Mount, Piece
@@ -215,70 +213,11 @@ def test_a_frame_that_fails_comes_with_a_remedy() -> None:
     # that it comes from a frame behind it does not matter
     (behind,) = advise([view(None, "recognisable"), view(30.0), view(4.0)], 2.0)
     assert behind.startswith("Frame 1 fails (recognisable): the outline goes 30 mm from frame 1 to")
-    stretched, touching, bound = (
-        advise([view(None), view(3.0, *names)], 2.0)[0]
-        for names in (("outline",), ("clearance",), ("shadow", "limits"))
-    )
-    assert "stretched" in stretched and "apart" in touching and "limit" in bound
+    (near,) = advise([view(None), view(3.0, "outline")], 2.0)
+    assert "its neighbours" in near
     # another frame in between joins no pieces that lie apart
     apart = view(30.0, "recognisable", pieces=2)
     assert "its 2 pieces lie apart" in advise([view(None), apart], 2.0)[0]
-
-
-def _searched(iou: float = 0.8, bound: bool = False) -> Any:
-    result = SimpleNamespace(feasible=True, iou_estimate=iou)
-    binding = ("length",) if bound else ()
-    made = SimpleNamespace(result=result, opening_iou=0.97, unmet=None, binding=binding)
-    return SimpleNamespace(number=1, made=made)
-
-
-def _verified(*failed: str) -> Any:
-    checks = [check_of(name, "fail") for name in failed]
-    return SimpleNamespace(verdict=SimpleNamespace(checks=checks), slicing=None, suffix="-01")
-
-
-@pytest.mark.parametrize(
-    ("failed", "then", "better"),
-    [(("shadow", "outline"), (), True), (("shadow",), ("shadow",), False)],
-)
-def test_a_failed_frame_is_tried_again_and_the_better_kept(
-    tmp_path: Path, failed: tuple[str, ...], then: tuple[str, ...], better: bool
-) -> None:
-    frame, again, piece, other = _searched(), _searched(), _verified(*failed), _verified(*then)
-    accepted: list[object] = []
-    chain: Any = SimpleNamespace(retry=lambda number: again, accept=accepted.append)
-    written: list[object] = []
-    folder: Any = SimpleNamespace(work=tmp_path)
-    others = {"part-02.stl", "scene.toml", "shadow-frame-02.png"}
-    for name in others | {"failures-01.png", "setup-01.pdf", "soft-frame-01.png"}:
-        (tmp_path / name).touch()
-    piece.slicing = runs = Future[Any]()  # it has begun, and may still read the part
-    runs.set_running_or_notify_cancel()
-    Timer(0.05, runs.set_result, [None]).start()
-
-    def write(one: Any) -> Any:
-        assert runs.done()
-        assert {path.name for path in tmp_path.iterdir()} == others  # nothing of the one before
-        written.append(one)
-        (tmp_path / ("failures-01.png" if one is again else "part-01.stl")).touch()
-        return other if one is again else piece
-
-    kept = _retry_failed(chain, frame, piece, write, folder)
-    assert kept == ((again, other) if better else (frame, piece))
-    assert accepted == ([again] if better else [])
-    # the frame that lies in the folder in the end is the one that is kept
-    assert written[-1] is kept[0]
-
-
-@pytest.mark.parametrize(
-    ("frame", "failed"),
-    [(_searched(), ()), (_searched(bound=True), ("shadow",)), (_searched(iou=0.96), ("shadow",))],
-    ids=["passes", "a limit forbids it", "drawn as well as can be"],
-)
-def test_a_frame_that_no_other_start_helps_stays(frame: Any, failed: tuple[str, ...]) -> None:
-    piece = _verified(*failed)
-    none: Any = None
-    assert _retry_failed(none, frame, piece, none, none) == (frame, piece)
 
 
 @pytest.mark.build
@@ -305,6 +244,6 @@ def test_an_effect_counts_in_the_stages_of_all_frames() -> None:
         report_with(effects=[{**HAZE, "magnitude": m, "where": w, "calls": c}])
         for m, w, c in ((2.0, ["depth", "verification"], 20), (3.0, ["verification"], 10))
     ]
-    (line,) = _merge_effects(frames)
+    (line,) = list_effects(frames)
     assert (line.magnitude, line.calls, line.seconds) == (3.0, 30, 1.0)
     assert line.where == ("depth", "verification")
