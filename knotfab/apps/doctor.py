@@ -101,11 +101,9 @@ def examine() -> list[Finding]:
 
 def run_loops(several: bool = False) -> None:
     """Have the compiled loops loaded: design a bar, and two pictures in one part where `several`."""
-    import numpy as np
 
     from knotfab.design.design import design_knots
     from knotfab.picture.read import read_target
-    from knotfab.render.part_picture import draw_faces
     from knotfab.scene.catalogue import resolve
     from knotfab.start.legibility import onlooker_for, stretch_mask
     from knotfab_formats.piece import Accuracy
@@ -122,7 +120,6 @@ def run_loops(several: bool = False) -> None:
         update = {"views": views, "search": {**few, **quick}}
         design_knots(resolve(asked.model_copy(update=update)), [bar, read_target("text:▮")])
     onlooker_for(stretch_mask(bar.mask))  # asked where a piece stands without supports
-    draw_faces(np.eye(3), np.eye(3), np.array([[0, 1, 2]]), 2)
 
 
 def compile_loops() -> Finding:

@@ -33,7 +33,7 @@ _OF_WRITING = (*_FULL, errno.EFBIG, errno.EROFS)  # whatever file a library was 
 
 # Files of an earlier build that would contradict a new one that does not write them.
 _OWN = re.compile(
-    r"part(-\d+)?\.(stl|3mf|glb|png|step|gcode)|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.(3mf|gcode)"
+    r"part(-\d+)?\.(stl|3mf|glb|png|step|gcode)|(piece|unlit)\.png|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.(3mf|gcode)"
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
     r"|region\.stl|start\.json|bends(-[\w-]+)?\.\w+|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)|table-\d+\.3mf|colours\.png"

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from knotfab.base.arrays import Array
 from knotfab.base.folder import OutputFolder
 from knotfab.design.design import Design
-from knotfab.geometry.tube import Mesh, join_meshes
+from knotfab.geometry.polylines import polylines_of
+from knotfab.geometry.tube import Mesh
 from knotfab.knots import count_in_words
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.files import About, write_3mf, write_coloured_3mf, write_stl
+from knotfab.picture.raster import encode_image
 from knotfab.picture.read import Target
+from knotfab.render.image import image_at
 from knotfab.render.pages import length
-from knotfab.render.part_picture import draw_part, place_eyes
 from knotfab.scene.load import dump_scene
 from knotfab_formats.libraries import took_part
 from knotfab_formats.piece import FramePlate, Pose
@@ -161,6 +163,7 @@ def write_glb(
 # What files say of the piece: its title, how to light it, and a small picture.
 
 THUMBNAIL_PX = 300  # side of the picture in part.3mf
+_INK, _PAPER = (61, 57, 53), (250, 248, 244)
 
 
 def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
@@ -175,17 +178,20 @@ def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> Ab
         designer=scene.about.designer or "knotfab",
         description=_describe(part, scene.views, names),
         licence=scene.about.licence,
-        thumbnail_png=_draw_thumbnail(part, scene.views),
+        thumbnail_png=_draw_thumbnail(part, scene.views[0]),
     )
 
 
-def _draw_thumbnail(part: Part, views: Sequence[ResolvedView]) -> bytes:
-    """Draw the part as the first view's light sees it, so that its picture shows: a square PNG."""
-    vertices, faces = join_meshes(part.bodies)
-    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    found = io.BytesIO()
-    draw_part(seen, faces, found, place_eyes(views)[:1], THUMBNAIL_PX)
-    return found.getvalue()
+def _draw_thumbnail(part: Part, view: ResolvedView) -> bytes:
+    """Draw the knots as the view's light sees them, so that its picture shows: a square PNG."""
+    curves = [knot.points for knot in part.pose.knots.moved(part.pose.matrix).knots]
+    points, rings = np.concatenate(curves), polylines_of(curves)
+    side = max(view.frame_mm)
+    square = view.but(frame_width_mm=side, frame_height_mm=side)
+    radius = part.pose.knots.radius_mm
+    image = image_at(square, np.zeros((8, 8), dtype=bool), radius, THUMBNAIL_PX)
+    dark = image.seen(points, rings, radius)
+    return encode_image(Image.fromarray(np.where(dark[..., None], _INK, _PAPER).astype(np.uint8)))
 
 
 def _describe(part: Part, views: Sequence[ResolvedView], names: str) -> str:

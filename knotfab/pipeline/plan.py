@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
@@ -36,7 +36,8 @@ from knotfab.pipeline.settle import (
 )
 from knotfab.pipeline.verifier import Verifier
 from knotfab.plan import Steps
-from knotfab.render.part_picture import draw_part, place_eyes
+from knotfab.render.hung_picture import draw_hung
+from knotfab.render.part_picture import PartPainter, place_eyes, why_undrawn
 from knotfab.report.page import load_template
 from knotfab.report.pictures import place_strangers
 from knotfab.request import Request
@@ -86,23 +87,40 @@ class Workshop:
         piece = self.write(request, self.targets, made, settled)
         piece = replace(piece, notes=(*piece.notes, *filter(None, [note])))
         rest_modeller()
-        if piece.part is not None:
-            with self.progress.stage("verify"):  # while the validators measure
-                eyes = place_eyes(piece.scene.views)
-                _draw(piece.part, piece.scene, eyes, self.folder.file("part.png"))
-                load_template()
-        report = report_piece(piece, self.folder, request, self.progress)
-        eyes = place_strangers(piece.scene.views, report)
-        if piece.part is not None and len(eyes):
-            with self.progress.stage("report"):
-                _draw(piece.part, piece.scene, eyes, self.folder.file("unlit.png"))
+        with _open_painter(piece.part, piece.scene) as painter:
+            if piece.part is not None:
+                with self.progress.stage("verify"):  # while the validators measure
+                    if painter is not None:
+                        _draw(painter, piece.part, piece.scene, self.folder)
+                    load_template()
+            report = report_piece(piece, self.folder, request, self.progress)
+            eyes = place_strangers(piece.scene.views, report)
+            if painter is not None and len(eyes):
+                with self.progress.stage("report"):
+                    painter.draw_panels(eyes).save(self.folder.file("unlit.png"), "PNG")
         return piece, report
 
 
-def _draw(part: Part, scene: SettledScene, eyes: Array, path: Path) -> None:
+def _open_painter(
+    part: Part | None, scene: SettledScene
+) -> AbstractContextManager[PartPainter | None]:
+    """Open the window in which a part's pictures are drawn; none where there is no part, or no OpenGL."""
+    if part is None or why_undrawn() is not None:
+        return nullcontext()
     vertices, faces = join_meshes(part.bodies)
     seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    draw_part(seen, faces, path, eyes, color=scene.material.color)
+    return PartPainter(seen, faces, scene.material.color)
+
+
+def _draw(painter: PartPainter, part: Part, scene: SettledScene, folder: OutputFolder) -> None:
+    """Draw part.png, from several sides, and piece.png, as it hangs with its lamp on."""
+    painter.draw_panels(place_eyes(scene.views)).save(folder.file("part.png"), "PNG")
+    if part.mounted.hang is not None:
+        painter.hang(part.mounted.hang.threads)
+    desk = float(painter.points[:, 1].min()) if part.mounted.stand is not None else None
+    hung = draw_hung(painter, scene.views, desk)
+    if hung is not None:
+        hung.save(folder.file("piece.png"), "PNG", compress_level=3)
 
 
 def plan_piece(shop: Workshop, request: Request, left: Budget | None) -> Steps[Made]:

@@ -1,35 +1,243 @@
-"""Pictures of the part from several sides: from the light it shows the picture, elsewhere a tangle."""
+"""Pictures of a part from several sides, drawn by VTK; and moving pictures made of stills."""
 
 from __future__ import annotations
 
-import math
+import os
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.base.arrays import Array
-from knotfab.base.compiled import compiled
-from knotfab.geometry.tube import face_normals, unit
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
+from knotfab_validators.shadows.render import why_no_rendering
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)  # turns about the vertical, one panel each
 PANEL_PX = 360  # side of a panel
-OVERSAMPLING = 2
 PAPER = (250, 248, 244)  # sRGB
-TUBE = (0.82, 0.46, 0.31)  # sRGB, in 0 to 1, of a material of the usual colour
+TUBE = "#d0764f"  # terracotta, for a material of the usual colour
 USUAL_COLOR = str(Material.model_fields["color"].default)
-AMBIENT, DIFFUSE, SPECULAR, SHINE = 0.34, 0.8, 0.22, 18  # the tube's (Phong)
-# A key light comes from the upper left, a weak one from the lower right: (direction, strength).
-LAMPS = (((-0.5, 0.8, 1.2), 0.9), ((0.9, -0.4, 0.6), 0.25))
 MARGIN = 1.12  # the frame over the part's extent
-CREASE = 0.7  # the cosine between a vertex and a face beyond which an edge is sharp
+CREASE_DEG = 45.0  # between two faces, from which on their edge is drawn sharp
 SAME_DEG = 5.0  # directions closer than this count as one
+_FAINT, _KEYED = 0.34, 0.8  # share of a panel's light from all sides, and from the upper left
+
+_THREAD_MM, _THREAD_RADIUS_MM = 600.0, 0.3  # as far as a picture shows
+_LEVELS = 4095  # of linear light, in the table that turns it into sRGB
+
+
+def why_undrawn() -> str | None:
+    """Say why this machine draws no part, or None: VTK would end the process where OpenGL is missing."""
+    return why_no_rendering()
+
+
+@dataclass(frozen=True)
+class Eye:
+    """A pinhole camera: `place` (3,), its `axes` (right, up, back) as rows, pixels of focal length, size."""
+
+    place: Array
+    axes: Array
+    focal_px: float
+    size: tuple[int, int]
+    near: float
+    far: float
+
+    @property
+    def projection(self) -> Array:
+        """(3, 4): scene point -> homogeneous pixel, from the upper left corner; w is the depth."""
+        right, up, back = self.axes
+        wide, high = self.size
+        rows = np.stack(
+            [
+                self.focal_px * right - 0.5 * wide * back,
+                -self.focal_px * up - 0.5 * high * back,
+                -back,
+            ]
+        )
+        return np.column_stack([rows, -rows @ self.place])
+
+    @property
+    def rays(self) -> Array:
+        """(3, 3): homogeneous pixel -> scene direction, one long in depth."""
+        wide, high = self.size
+        right, up, back = self.axes
+        across, down = right / self.focal_px, -up / self.focal_px
+        return np.column_stack([across, down, -back - 0.5 * wide * across - 0.5 * high * down])
+
+    def project(self, points: Array) -> tuple[Array, Array]:
+        """Return pixels (n, 2) and depths (n,) of points (n, 3)."""
+        p = self.projection
+        seen = points @ p[:, :3].T + p[:, 3]
+        return seen[:, :2] / seen[:, 2:], seen[:, 2]
+
+    def plane_map(self, plane: Array) -> Array:
+        """(4, 3): homogeneous pixel -> homogeneous scene point on a plane (4,)."""
+        normal, rays = plane[:3], self.rays
+        along = normal @ rays
+        away = float(normal @ self.place + plane[3])
+        return np.vstack([np.outer(self.place, along) - away * rays, along])
+
+
+def eye_towards(
+    place: Array,
+    to: Array,
+    up: Sequence[float] | Array,
+    half_deg: float,
+    size: tuple[int, int],
+    reach: float,
+) -> Eye:
+    """Place an eye that looks `to` a point; `half_deg` is half of its height, `reach` the part's radius."""
+    back = np.asarray(place - to, dtype=np.float64)
+    away = float(np.linalg.norm(back))
+    back = back / away
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(back, right), back])
+    focal = 0.5 * size[1] / float(np.tan(np.radians(half_deg)))
+    return Eye(place, axes, focal, size, max(away - reach, 0.02 * away), away + reach)
+
+
+class Light(NamedTuple):
+    """A light's place (3,), the share of it in each channel (3,), and whether it moves with the eye."""
+
+    place: Array
+    channels: Array
+    moves: bool
+
+
+class PartPainter:
+    """One part in an off-screen window of VTK, from which all its pictures are taken.
+
+    Ask `why_undrawn` first. Three lights fill three channels, and colours are mixed afterwards.
+
+    Args:
+        vertices: (n, 3) mm in scene coordinates, so that y is up. faces: (m, 3).
+        color: the material's, as #rrggbb; the usual one is drawn as `TUBE`.
+    """
+
+    def __init__(
+        self, vertices: Array, faces: NDArray[np.integer[Any]], color: str = USUAL_COLOR
+    ) -> None:
+        if sys.platform.startswith("linux"):
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+        import pyvista as untyped
+
+        self._pv: Any = untyped
+        self.points = np.asarray(vertices, dtype=np.float64)
+        sheet = self._pv.PolyData.from_regular_faces(self.points.astype(np.float32), faces)
+        sheet = sheet.compute_normals(
+            split_vertices=True, feature_angle=CREASE_DEG, cell_normals=False
+        )
+        paint = TUBE if color == USUAL_COLOR else color
+        self.paint = to_linear(np.array(list(bytes.fromhex(paint[1:]))) / 255)
+        self._plotter = self._pv.Plotter(off_screen=True, lighting="none", window_size=(64, 64))
+        self._plotter.enable_anti_aliasing("msaa", multi_samples=4)
+        self._add(sheet)
+        self._plotter.render_window.SetAlphaBitPlanes(True)
+        self._plotter.set_background("black")
+
+    def _add(self, sheet: Any) -> None:
+        self._plotter.add_mesh(
+            sheet, color="white", smooth_shading=True, diffuse=1.0, specular=0.2, specular_power=22
+        )
+
+    def hang(self, threads: Array) -> None:
+        """Hang the part on threads from places (k, 3); they are seen, and throw shadows."""
+        for at in threads:
+            line = self._pv.Line(at, at + (0.0, _THREAD_MM, 0.0))
+            self._add(line.tube(radius=_THREAD_RADIUS_MM, n_sides=8))
+
+    def __enter__(self) -> PartPainter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._plotter.close()
+
+    def light(self, *lamps: Light) -> None:
+        """Light the part anew."""
+        self._plotter.remove_all_lights()
+        for lamp in lamps:
+            self._plotter.add_light(
+                self._pv.Light(
+                    position=tuple(lamp.place),
+                    focal_point=(0.0, 0.0, 0.0),
+                    color=tuple(lamp.channels),
+                    light_type="camera light" if lamp.moves else "scene light",
+                    positional=not lamp.moves,
+                    cone_angle=180,
+                )
+            )
+
+    def look(self, eye: Eye, colours: bool = True) -> tuple[Array, Array]:
+        """Return light in three channels and coverage, (h, w, 4), and depths, (h, w), `far` where bare."""
+        window, camera = self._plotter.render_window, self._plotter.camera
+        camera.position, camera.focal_point = tuple(eye.place), tuple(eye.place - eye.axes[2])
+        camera.up = tuple(eye.axes[1])
+        camera.view_angle = 2 * np.degrees(np.arctan(0.5 * eye.size[1] / eye.focal_px))
+        camera.clipping_range = (eye.near, eye.far)
+        window.SetSize(*eye.size)
+        window.Render()
+        light = self._read("SetInputBufferTypeToRGBA") if colours else np.zeros(0)
+        z = self._read("SetInputBufferTypeToZBuffer")[..., 0]
+        depth = eye.near * eye.far / (eye.far - z * (eye.far - eye.near))
+        return light, depth
+
+    def _read(self, kind: str) -> Array:
+        """Read what was drawn last, without drawing it again."""
+        from vtkmodules.util import numpy_support
+        from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
+
+        to_numpy: Any = numpy_support.vtk_to_numpy
+
+        read = vtkWindowToImageFilter()
+        read.SetInput(self._plotter.render_window)
+        read.ShouldRerenderOff()
+        read.ReadFrontBufferOff()
+        getattr(read, kind)()
+        read.Update()
+        image = read.GetOutput()
+        wide, high, _ = image.GetDimensions()
+        found = to_numpy(image.GetPointData().GetScalars()).reshape(high, wide, -1)[::-1]
+        scale = np.float32(1 / 255 if found.dtype == np.uint8 else 1)
+        return np.asarray(found.astype(np.float32) * scale)
+
+    def draw_panels(self, eyes: Array, panel_px: int = PANEL_PX) -> Image.Image:
+        """Draw the part as a row of panels on paper, one for each eye (k, 3), all at one scale."""
+        key, weak = np.eye(3)[:2]
+        self.light(
+            Light(np.array([-0.5, 0.8, 1.2]), key, True),
+            Light(np.array([0.9, -0.4, 0.6]), weak, True),
+        )
+        middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+        points = self.points - middle
+        if np.ptp(eyes[:, 1]) > 0 or eyes[0, 1] != 0:
+            reach = float(np.linalg.norm(points, axis=1).max())
+        else:  # all about the vertical: what is drawn lies in this disc of the horizontal and this height
+            reach = float(max(np.hypot(points[:, 0], points[:, 2]).max(), abs(points[:, 1]).max()))
+        panels = []
+        for look in eyes - middle:
+            near = float(np.linalg.norm(look))
+            away = max(near, 2 * reach)
+            back = look / near
+            # share of the way that is vertical, where "up" is no direction any more
+            up = (0.0, 0.0, -1.0) if abs(back[1]) > 0.999 else (0.0, 1.0, 0.0)
+            half = np.degrees(np.arctan(MARGIN * reach / (away - 0.5 * reach)))
+            size = panel_px, panel_px
+            eye = eye_towards(middle + away * back, middle, up, half, size, 1.8 * reach)
+            light, _ = self.look(eye)
+            covered = light[..., 3:]
+            gathered = light[..., :1] + 0.3 * light[..., 1:2]
+            lit = self.paint * (_FAINT * covered + _KEYED * gathered)
+            paper = to_linear(np.array(PAPER) / 255) * (1 - covered)
+            panels.append(encode_light(lit + paper))
+        return Image.fromarray(np.concatenate(panels, axis=1))
 
 
 def draw_part(
@@ -40,22 +248,9 @@ def draw_part(
     panel_px: int = PANEL_PX,
     color: str = USUAL_COLOR,
 ) -> None:
-    """Draw the part as a row of panels, one for each eye, all at one scale.
-
-    Args:
-        vertices: (n, 3) mm in scene coordinates, so that y is up.
-        faces: (m, 3).
-        path: the PNG to write, `panel_px` high.
-        eyes: (k, 3) mm, where it is seen from, such as the lights from `place_eyes`.
-        color: the material's, as #rrggbb; the usual one is drawn as `TUBE`.
-    """
-    from PIL import Image
-
-    paint = np.array(TUBE if color == USUAL_COLOR else [v / 255 for v in bytes.fromhex(color[1:])])
-    panels = _render(vertices, faces, eyes, panel_px * OVERSAMPLING, paint)
-    strip = Image.fromarray(np.concatenate(panels, axis=1))
-    size = (panel_px * len(panels), panel_px)
-    strip.resize(size, Image.Resampling.BOX).save(path, "PNG", compress_level=6)
+    """Draw the part as a row of panels into a PNG, `panel_px` high; arguments are as for `PartPainter`."""
+    with PartPainter(vertices, faces, color) as painter:
+        painter.draw_panels(eyes, panel_px).save(path, "PNG")
 
 
 def place_eyes(views: Sequence[ResolvedView]) -> Array:
@@ -95,148 +290,20 @@ def _level(eyes: Array) -> Array:
     return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1), 1e-9)[:, None])
 
 
-def _render(
-    vertices: Array, faces: NDArray[np.integer[Any]], eyes: Array, pixels: int, paint: Array
-) -> list[NDArray[np.uint8]]:
-    """Render the part from each eye, (pixels, pixels, 3) each."""
-
-    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    points = vertices - middle
-    normals, corners = _normals(points, faces), points[faces].reshape(-1, 3)
-    of_corners = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
-    looks = eyes - middle
-    if np.ptp(eyes[:, 1]) > 0 or eyes[0, 1] != 0:
-        reach = float(np.linalg.norm(points, axis=1).max())
-    else:  # all about the vertical: what is drawn lies in this disc of the horizontal and this height
-        wide, high = np.hypot(points[:, 0], points[:, 2]).max(), abs(points[:, 1]).max()
-        reach = float(max(wide, high))
-    panels = []
-    for look in looks:
-        near = float(np.linalg.norm(look))
-        away = max(near, 2 * reach)
-        back = look / near
-        # share of the way that is vertical, where "up" is no direction any more
-        steep = abs(back[1]) > 0.999
-        right = np.cross((0.0, 0.0, -1.0) if steep else (0.0, 1.0, 0.0), back)
-        right /= np.linalg.norm(right)
-        # the axes point to the right, up, and to the eye
-        axes = np.stack([right, np.cross(back, right), back])
-        seen, turned = corners @ axes.T, normals @ axes.T
-        scale = 0.5 * pixels * (away - 0.5 * reach) / (MARGIN * reach)
-        below = scale / (away - seen[:, 2])
-        places = np.column_stack(
-            [0.5 * pixels + below * seen[:, 0], 0.5 * pixels - below * seen[:, 1], below]
-        )
-        found, normal = draw_faces(places, turned, of_corners, pixels)
-        panels.append(_shade(found, normal, paint))
-    return panels
+def to_linear(srgb: Array) -> Array:
+    return np.asarray(srgb**2.2)
 
 
-def _shade(found: NDArray[np.bool_], normal: Array, paint: Array) -> NDArray[np.uint8]:
-    """Shade covered pixels `found` (h, w) by normals in the eye's axes (Phong), (h, w, 3)."""
-    n = normal[found]
-    n = n / np.maximum(np.linalg.norm(n, axis=1), 1e-12)[:, None]
-    lit, shine = np.zeros(len(n)), np.zeros(len(n))
-    for where, strength in LAMPS:
-        lamp = np.array(where) / np.linalg.norm(where)
-        facing = n @ lamp
-        lit += strength * np.maximum(facing, 0.0)
-        mirrored = 2 * facing * n[:, 2] - lamp[2]  # the mirrored ray's share towards the eye
-        shine += strength * np.where(facing > 0, np.maximum(mirrored, 0.0) ** SHINE, 0.0)
-    colour = (AMBIENT + DIFFUSE * lit)[:, None] * paint + (SPECULAR * shine)[:, None]
-    panel = np.full((*found.shape, 3), PAPER, dtype=np.uint8)
-    panel[found] = np.rint(255 * np.clip(colour, 0.0, 1.0)).astype(np.uint8)
-    return panel
-
-
-def _normals(points: Array, faces: NDArray[np.integer[Any]]) -> Array:
-    """Return unit normals at the corners of faces (m, 3), (3 m, 3).
-
-    A vertex's normal averages its faces by area, leaving out those beyond a crease. Those have
-    separate corner normals: a plate stays flat up to the rim of a hole.
-    """
-    face = face_normals(points[faces])
-    own = np.repeat(unit(face), 3, axis=0)
-    return _smooth(face, own, faces.astype(np.int64), len(points))
-
-
-@compiled
-def _smooth(face: Array, own: Array, faces: NDArray[np.int64], count: int) -> Array:
-    kept, found = np.ones(faces.shape, dtype=np.bool_), own.copy()
-    for last in (False, True):
-        sums = np.zeros((count, 3))
-        for n in range(len(faces)):
-            for k in range(3):
-                if kept[n, k]:
-                    sums[faces[n, k]] += face[n]
-        for n in range(len(faces)):
-            for k in range(3):
-                smooth = sums[faces[n, k]]
-                long = max(np.sqrt((smooth * smooth).sum()), 1e-300)
-                kept[n, k] = (smooth * own[3 * n + k]).sum() > CREASE * long
-                if last and kept[n, k]:
-                    found[3 * n + k] = smooth / long
-    return found
-
-
-# A mesh drawn by a compiled depth buffer: which pixels it covers, and how its surface lies there.
-
-
-@compiled
-def draw_faces(
-    places: Array, normals: Array, faces: NDArray[np.int64], pixels: int
-) -> tuple[NDArray[np.bool_], Array]:
-    """Rasterise triangles into a square of `pixels`; the face nearest to the eye wins each pixel.
-
-    Args:
-        places: (n, 3): column and row, in pixels from the upper left corner, and the inverse of the distance,
-            times any constant, which is linear on the page.
-        normals: (n, 3) at the points.
-        faces: (m, 3).
-
-    Returns:
-        (pixels, pixels) whether there is a face, and (pixels, pixels, 3) the normal there, interpolated
-        on the page, without regard to perspective; not of unit length.
-    """
-    found = np.zeros((pixels, pixels), dtype=np.bool_)
-    depth = np.zeros((pixels, pixels))
-    normal = np.zeros((pixels, pixels, 3))
-    for face in range(len(faces)):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        ax, ay, bx, by = places[a, 0], places[a, 1], places[b, 0], places[b, 1]
-        cx, cy = places[c, 0], places[c, 1]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0.0:
-            continue
-        left, right = min(ax, bx, cx), max(ax, bx, cx)
-        top, bottom = min(ay, by, cy), max(ay, by, cy)
-        # the centre of pixel k is at k + 0.5
-        for row in range(max(0, math.ceil(top - 0.5)), min(pixels, math.floor(bottom - 0.5) + 1)):
-            y = row + 0.5
-            for column in range(
-                max(0, math.ceil(left - 0.5)), min(pixels, math.floor(right - 0.5) + 1)
-            ):
-                x = column + 0.5
-                of_a = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
-                of_b = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
-                of_c = 1.0 - of_a - of_b
-                if of_a < 0.0 or of_b < 0.0 or of_c < 0.0:
-                    continue
-                near = of_a * places[a, 2] + of_b * places[b, 2] + of_c * places[c, 2]
-                if near <= depth[row, column]:
-                    continue
-                found[row, column] = True
-                depth[row, column] = near
-                for k in range(3):
-                    normal[row, column, k] = (
-                        of_a * normals[a, k] + of_b * normals[b, k] + of_c * normals[c, k]
-                    )
-    return found, normal
+def encode_light(light: Array, exposure: float | None = None) -> NDArray[np.uint8]:
+    """Turn linear light into sRGB bytes, by a table; an exposure rolls bright light off."""
+    levels = np.linspace(0, 1 if exposure is None else 3, _LEVELS + 1)
+    shown = levels if exposure is None else 1 - np.exp(-exposure * levels)
+    table = np.rint(255 * shown ** (1 / 2.2)).astype(np.uint8)
+    scale = np.float32(_LEVELS / levels[-1])
+    return np.asarray(table[np.clip(light * scale, 0, _LEVELS).astype(np.uint16)])
 
 
 # A GIF from pictures that were written before: the verified shadows of a sequence, or a film.
-
-_LONGER_PX = 384  # longer side of the pictures
 
 
 def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[int]) -> None:

@@ -52,6 +52,9 @@ def find_pictures(folder: Path) -> list[Picture]:
     for path in sorted(folder.glob("soft-*.png")):
         caption = "the shadow as a lamp of this size throws it"
         found.append(Picture(path, "shadow", caption, path.stem.removeprefix("soft-")))
+    hung = folder / "piece.png"
+    if hung.is_file():
+        found.append(Picture(hung, "piece", "the piece with its shadow, its lamp on"))
     turn = folder / TURN_FILE
     if turn.is_file():
         found.append(Picture(turn, "turn", "the shadow under one lamp, over a full turn"))

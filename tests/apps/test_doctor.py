@@ -86,7 +86,6 @@ def test_validators_that_do_not_start_are_a_finding(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(verifier, "_MODULE", "no_such_validators")
     monkeypatch.setattr("knotfab.design.design.design_knots", lambda *_: None)
     monkeypatch.setattr("knotfab.start.legibility.onlooker_for", lambda *_: None)
-    monkeypatch.setattr("knotfab.render.part_picture.draw_faces", lambda *_: None)
     found = doctor.compile_loops()
     assert found.status == "warning" and found.remedy
     assert "not the validators'" in found.detail and "no_such_validators" in found.detail

@@ -33,7 +33,11 @@ ALLOWED = {
             *("base/folder.py:OutputFolder._probe", "base/folder.py:OutputFolder.write"),
             *("base/moves.py:move_all", "base/moves.py:seal", "base/moves.py:sync"),
             *("part/files.py:_write_model", "part/files.py:write_stl"),
-            "part/slicer_profile.py:write_profile",
+            *(
+                "part/slicer_profile.py:write_profile",
+                "pipeline/plan.py:_draw",
+                "pipeline/plan.py:Workshop.finish",
+            ),
             *(
                 "part/write.py:write_glb",
                 "render/pages.py:write_pages",

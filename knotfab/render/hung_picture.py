@@ -1,0 +1,310 @@
+"""The piece as it hangs, with its lamp on and its shadow on the wall: a picture to send."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import gaussian_filter, uniform_filter
+
+from knotfab.base.arrays import Array, Mask, Real
+from knotfab.render.part_picture import Eye, Light, PartPainter, encode_light, eye_towards
+from knotfab.scene.camera import camera_of
+from knotfab_formats.scene import ResolvedView
+
+WIDE_PX, HIGH_PX = 1600, 1200  # of the picture of the hung piece
+_FILLED = 0.8  # share of it that piece and shadow take
+_FIELD_DEG = 26.0  # that its height spans
+_LAMP_PX = 1024  # side of what a lamp sees
+_TURN = 5  # cells about one, in which an outline may turn
+_GRID = 48  # cells across a shadow, to see how much of it a viewpoint shows
+_LAMPS = 3  # lamps that are drawn at most: one a channel
+_CORNER_DEG = 40.0, 140.0  # between two walls that one picture shows
+_BESIDE_DEG, _ABOVE_DEG = (
+    (-54.0, -46.0, -38.0, -30.0, 30.0, 38.0, 46.0, 54.0),
+    (-16.0, -6.0, 6.0, 16.0, 26.0),
+)
+_OBLIQUE = 0.6  # power of the foreshortening that a viewpoint is charged
+# linear light: a warm lamp, a cool room, a plastered wall, a desk of wood
+_WARM, _COOL = np.array([1.0, 0.79, 0.54]), np.array([0.52, 0.57, 0.72])
+_PLASTER, _WOOD = np.array([0.94, 0.88, 0.79]), np.array([0.36, 0.22, 0.13])
+_AROUND, _REACH_MM = 10, 9.0  # pairs of neighbours that may shade a pixel, and how far they are
+
+
+@dataclass(frozen=True)
+class _Lamp:
+    """A lamp that is on: its place, the wall (4,) that it lights, the frame there, and its colour."""
+
+    place: Array
+    wall: Array
+    axes: Array  # the picture's right, up the wall, and out of it, as rows
+    middle: Array
+    frame_mm: tuple[float, float]
+    size_mm: float
+    colour: Array
+
+
+def draw_hung(
+    painter: PartPainter, views: Sequence[ResolvedView], desk_mm: float | None = None
+) -> Image.Image | None:
+    """Draw the piece before its wall with the lamp on, from where most of the shadow is seen.
+
+    Two walls make a corner. None where no view has a shadow.
+
+    Args:
+        desk_mm: the height of the desk that it stands on.
+    """
+    lamps = _choose_lamps(views)
+    if not lamps:
+        return None
+    walls = [one for n, one in enumerate(lamps) if not any(_same(one, o) for o in lamps[:n])]
+    eye = _place_viewer(painter.points, walls)
+    lit = [Light(one.place, np.eye(3)[n], False) for n, one in enumerate(lamps)]
+    if len(lamps) < _LAMPS:
+        lit.append(Light(np.array([-0.6, 1.0, 0.8]), np.eye(3)[2], True))
+    painter.light(*lit)
+    light, depth = painter.look(eye)
+    cast = [_look_from(painter, one) for one in lamps]
+
+    planes = [(one.wall, _PLASTER, 1.0, one) for one in walls]
+    if desk_mm is not None:
+        planes.append((np.array([0.0, 1.0, 0.0, -desk_mm]), _WOOD, 0.45, walls[0]))
+    high, wide = depth.shape
+    x, y = np.arange(wide, dtype=np.float32) + 0.5, np.arange(high, dtype=np.float32)[:, None] + 0.5
+    room, colour = np.full((high, wide), np.float32(eye.far)), np.zeros((high, wide, 3), np.float32)
+    warmth = np.zeros((high, wide), np.float32)
+    grain = _grain(high, wide)
+    for plane, albedo, share, own in planes:
+        to_plane = eye.plane_map(plane).astype(np.float32)
+        along = np.vstack(
+            [own.axes @ to_plane[:3] - np.outer(own.axes @ own.middle, to_plane[3]), to_plane[3]]
+        )
+        *off, w = (np.float32(a) * x + (np.float32(b) * y + np.float32(c)) for a, b, c in along)
+        behind = -float(plane[:3] @ eye.place + plane[3]) / w  # the depth
+        here = (behind > 0) & (behind < room)
+        size = max(own.frame_mm)
+        far = (off[0] ** 2 + off[1] ** 2 + off[2] ** 2) / (w * size) ** 2
+        pool = share / (1 + (far / 0.72) ** 1.6)
+        gathered = np.zeros((high, wide, 3), np.float32)
+        for one, (lamp_eye, _, soft) in zip(lamps, cast, strict=True):
+            if share < 1 or _same(one, own):
+                to_lamp = lamp_eye.projection @ eye.plane_map(plane)
+                to_lamp /= to_lamp[2, 2]
+                dark = soft.transform(
+                    (wide, high), Image.Transform.PERSPECTIVE, to_lamp.ravel()[:8].tolist(),
+                    Image.Resampling.BILINEAR,
+                )  # fmt: skip
+                gathered += (pool * (1 - np.asarray(dark)))[..., None] * one.colour.astype(
+                    np.float32
+                )
+        gathered += ((0.035 + 0.10 / (1 + far))[..., None]) * _COOL.astype(np.float32)
+        gathered *= albedo.astype(np.float32) * (1 + grain)[..., None]
+        colour[here], room[here], warmth[here] = gathered[here], behind[here], pool[here]
+
+    shade = _occlude(np.minimum(depth, room), eye)
+    colour *= shade[..., None]
+    piece = _light_piece(painter, lamps, cast, eye, light, depth, shade, warmth)
+    covered = light[..., 3:]
+    mixed = colour * (1 - covered) + piece
+    return Image.fromarray(encode_light(mixed * _vignette(high, wide), 1.7))
+
+
+def _choose_lamps(views: Sequence[ResolvedView]) -> list[_Lamp]:
+    """Choose the lamps of the first view's wall, and of one that makes a corner with it."""
+    lamps, turned = list[_Lamp](), list[_Lamp]()
+    for view in views:
+        if view.kind != "shadow" or len(lamps) == _LAMPS:
+            continue
+        camera = camera_of(view, 1, 1)
+        own = np.asarray(view.lamp_colour, dtype=np.float64)
+        colour = _WARM if np.ptp(own) < 1e-6 else 1.2 * own / own.max()
+        lamp = _Lamp(
+            camera.eye, camera.receiver, camera.wall_axes, camera.middle, camera.frame_mm,
+            view.light_size_mm, colour,
+        )  # fmt: skip
+        angle = (
+            np.degrees(np.arccos(np.clip(lamp.wall[:3] @ lamps[0].wall[:3], -1, 1))) if lamps else 0
+        )
+        if not lamps or _same(lamp, lamps[0]):
+            lamps.append(lamp)
+        elif _CORNER_DEG[0] < angle < _CORNER_DEG[1] and all(_same(lamp, o) for o in turned):
+            turned.append(lamp)
+            lamps.append(lamp)
+    return lamps
+
+
+def _same(one: _Lamp, other: _Lamp) -> bool:
+    """Return whether two lamps light one wall."""
+    off = np.abs(one.wall - other.wall)
+    return bool(off[:3].max() < 1e-3 and off[3] < 0.5)
+
+
+def _cast(points: Array, place: Array, plane: Array) -> Array:
+    """Return where the rays from a place through points (n, 3) meet a plane (n, 3)."""
+    away = points - place
+    height = float(plane[:3] @ place + plane[3])
+    return np.asarray(place + away * (height / np.maximum(-(away @ plane[:3]), 1e-9))[:, None])
+
+
+def _place_viewer(points: Array, walls: Sequence[_Lamp]) -> Eye:
+    """Place the viewer where most of the shadows is seen, and so that all of it is in the picture."""
+    some = points[:: max(1, len(points) // 15_000)]
+    shadows = [_cast(some, one.place, one.wall) for one in walls]
+    weights = [_weigh(_bin(one, shadow)) for one, shadow in zip(walls, shadows, strict=True)]
+    size = max(max(one.frame_mm) for one in walls)
+    middle = np.mean([one.middle for one in walls], axis=0)
+    if len(walls) > 1:  # into the corner
+        out = walls[0].axes[2] + walls[1].axes[2]
+        axes = np.stack([np.cross((0.0, 1.0, 0.0), out), (0.0, 1.0, 0.0), out])
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        beside: tuple[float, ...] = (-14.0, 0.0, 14.0)
+    else:
+        axes, beside = walls[0].axes, _BESIDE_DEG
+    best, chosen = -1.0, axes[2]
+    for right in np.radians(beside):
+        for up in np.radians(_ABOVE_DEG):
+            way = (
+                np.array([np.sin(right) * np.cos(up), np.sin(up), np.cos(right) * np.cos(up)])
+                @ axes
+            )
+            place, score = middle + 4 * size * way, 1.0
+            for one, weight in zip(walls, weights, strict=True):
+                hidden = _bin(one, _cast(some, place, one.wall))
+                score *= (
+                    float(weight[~hidden].sum()) * max(float(one.wall[:3] @ way), 0.0) ** _OBLIQUE
+                )
+            if score > best:
+                best, chosen = score, way
+    shown = np.concatenate([some, *shadows])
+    to, away = shown.mean(axis=0), 5 * size
+    for _ in range(8):
+        reach = away + 10 * size
+        eye = eye_towards(
+            to + away * chosen, to, (0.0, 1.0, 0.0), _FIELD_DEG / 2, (WIDE_PX, HIGH_PX), reach
+        )
+        seen, _ = eye.project(shown)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        off = ((low + high) / 2 - (WIDE_PX / 2, HIGH_PX / 2)) * away / eye.focal_px
+        to = to + off[0] * eye.axes[0] - off[1] * eye.axes[1]
+        away *= float(((high - low) / (_FILLED * WIDE_PX, _FILLED * HIGH_PX)).max())
+    near = float(np.linalg.norm(some - eye.place, axis=1).min())
+    return Eye(eye.place, eye.axes, eye.focal_px, eye.size, 0.8 * near, eye.far)
+
+
+def _weigh(dark: Mask) -> Array:
+    """Weigh the cells of a shadow by what a person knows it by: its corners (Harris), then its area."""
+    down, right = np.gradient(dark.astype(np.float64))
+    a, b, c = (uniform_filter(g, _TURN) for g in (down * down, right * right, down * right))
+    corners = np.sqrt(np.maximum(a * b - c * c, 0.0))
+    return np.asarray(corners / max(corners.sum(), 1e-9) + 0.5 * dark / max(dark.sum(), 1))
+
+
+def _bin(lamp: _Lamp, points: Array) -> Mask:
+    """Mark the cells of a wall, over its frame, on which points (n, 3) lie."""
+    cells = (points - lamp.middle) @ lamp.axes[:2].T / max(lamp.frame_mm) + 0.5
+    found = np.zeros((_GRID, _GRID), dtype=bool)
+    index = np.floor(_GRID * cells[((cells >= 0) & (cells < 1)).all(axis=1)]).astype(int)
+    found[index[:, 1], index[:, 0]] = True
+    return found
+
+
+def _look_from(painter: PartPainter, lamp: _Lamp) -> tuple[Eye, Array, Image.Image]:
+    """Look at the part from its lamp: the eye, the depths, and the soft shadow on the wall's scale."""
+    out, up = lamp.axes[2], lamp.axes[1]
+    away = painter.points - lamp.place
+    depth = -(away @ out)
+    aside = np.abs(np.stack([away @ lamp.axes[0], away @ up]) / depth).max()
+    to_wall = float(lamp.wall[:3] @ lamp.place + lamp.wall[3])
+    half, size = float(np.degrees(np.arctan(1.03 * aside))), (_LAMP_PX, _LAMP_PX)
+    eye = eye_towards(lamp.place, lamp.place - out, up, half, size, 1.0)
+    eye = Eye(eye.place, eye.axes, eye.focal_px, size, 0.9 * float(depth.min()), 1.2 * to_wall)
+    _, seen = painter.look(eye, colours=False)
+    # the lamp's width, as the middle of the piece throws it on the wall
+    spread = lamp.size_mm * float(np.median(to_wall - depth)) / float(np.median(depth)) / 3
+    px = max(spread, 0.3) * eye.focal_px / to_wall
+    dark = gaussian_filter((seen < 0.999 * eye.far).astype(np.float32), px)
+    return eye, seen, Image.fromarray(dark)
+
+
+def _light_piece(
+    painter: PartPainter,
+    lamps: Sequence[_Lamp],
+    cast: Sequence[tuple[Eye, Array, Image.Image]],
+    eye: Eye,
+    light: Real,
+    depth: Real,
+    shade: Real,
+    warmth: Real,
+) -> Real:
+    """Light the part's own pixels by its lamps, where nothing stands before them, and by the room."""
+    high, wide = depth.shape
+    rows, columns = np.nonzero(light[..., 3])
+    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]).astype(np.float32)
+    near = np.minimum(depth[rows, columns], eye.far * 0.99)
+    places = (eye.place[:, None] + (eye.rays @ pixels) * near).astype(np.float32)
+    channels, cover = light[rows, columns, :3], light[rows, columns, 3]
+    own = shade[rows, columns]
+    fill = channels[:, 2] if len(lamps) < _LAMPS else channels.mean(axis=1)
+    paint, warm, cool = (np.asarray(c, np.float32) for c in (painter.paint, _WARM, _COOL))
+    found = np.outer(fill * own * np.float32(0.16), cool * paint)
+    found += np.outer(
+        own * cover * (np.float32(0.05) + np.float32(0.10) * warmth[rows, columns]), warm * paint
+    )
+    for n, (lamp, (lamp_eye, seen, _)) in enumerate(zip(lamps, cast, strict=True)):
+        p = lamp_eye.projection.astype(np.float32)
+        u, v, z = p[:, :3] @ places + p[:, 3:]
+        u, v, bias = u / z, v / z, 0.8 + 0.0015 * z
+        free = np.zeros(len(z), np.float32)
+        for right, down in ((-0.9, -0.4), (0.9, 0.4), (-0.4, 0.9), (0.4, -0.9)):
+            at = [
+                np.clip((c + d).astype(np.int32), 0, _LAMP_PX - 1)
+                for c, d in ((u, right), (v, down))
+            ]
+            free += 0.25 * (z < seen[at[1], at[0]] + bias)
+        unshaded = np.zeros((high, wide), np.float32)
+        unshaded[rows, columns] = free
+        free = uniform_filter(unshaded, 3)[rows, columns]
+        key = channels[:, n] * free
+        tint = lamp.colour.astype(np.float32)
+        found += np.outer(key, np.float32(1.35) * tint * paint)
+        found += np.outer(0.5 * np.clip(key - 0.85, 0, 1), tint)  # where it shines
+    image = np.zeros((high, wide, 3), np.float32)
+    image[rows, columns] = found
+    return image
+
+
+def _occlude(depth: Real, eye: Eye) -> Real:
+    """Return how much of the room's light reaches each pixel: less beside what stands close before it."""
+    half = np.ascontiguousarray(depth[::2, ::2])
+    px_mm, (high, wide) = 0.5 * eye.focal_px / float(np.median(half)), half.shape
+    most = int(np.ceil(_REACH_MM * px_mm))
+    # a slope goes on beyond the border
+    about = np.pad(half, most, mode="reflect", reflect_type="odd")
+    found = np.zeros_like(half)
+    for number in range(_AROUND):  # pairs of neighbours on a spiral; a slope alone shades nothing
+        angle, reach_mm = 2.4 * number, _REACH_MM * (number + 1) / _AROUND
+        down, right = (round(reach_mm * px_mm * float(f(angle))) for f in (np.sin, np.cos))
+        one, other = (
+            about[most + y :, most + x :][:high, :wide] for y, x in ((down, right), (-down, -right))
+        )
+        off = (half - 0.5 * (one + other)) / np.float32(reach_mm)
+        # what is far before it shades little
+        found += np.clip(off, 0, 1) * np.clip(2.2 - 0.7 * off, 0, 1)
+    found = uniform_filter(uniform_filter(found, 5), 7) * np.float32(2.2 / _AROUND)
+    small = Image.fromarray(np.exp(-found))
+    return np.asarray(small.resize(depth.shape[::-1], Image.Resampling.BILINEAR))
+
+
+def _grain(high: int, wide: int) -> Real:
+    """Return the grain of plaster, the same each time (high, wide), about 0."""
+    tile = np.random.default_rng(7).standard_normal((400, 400)).astype(np.float32)
+    tile = gaussian_filter(tile, 1.6, mode="wrap")
+    tile *= 0.012 / tile.std()
+    return np.tile(tile, (-(-high // 400), -(-wide // 400)))[:high, :wide]
+
+
+def _vignette(high: int, wide: int) -> Real:
+    x, y = np.linspace(-1, 1, wide), np.linspace(-1, 1, high)[:, None]
+    return (1 - 0.22 * (0.5 * (x**2 + y**2)) ** 1.2).astype(np.float32)[..., None]

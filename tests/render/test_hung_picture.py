@@ -1,0 +1,78 @@
+"""The piece with its lamp on: its shadow lies where the lamp throws it, and most of it is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pieces import ring
+from PIL import Image
+
+from knotfab.geometry.tube import sweep
+from knotfab.render.hung_picture import (
+    HIGH_PX,
+    WIDE_PX,
+    _cast,
+    _choose_lamps,
+    _place_viewer,
+    draw_hung,
+)
+from knotfab.render.part_picture import PartPainter, why_undrawn
+from knotfab_formats.scene import ResolvedView
+
+pytestmark = pytest.mark.skipif(why_undrawn() is not None, reason="OpenGL is missing")
+VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, wall_distance_mm=100.0)
+VERTICES, FACES = sweep(ring(30.0, wave=0.0), 2.0, 12)
+
+
+def grey(image: Image.Image | None) -> np.ndarray:
+    assert image is not None and image.size == (WIDE_PX, HIGH_PX)
+    return np.asarray(image.convert("L")).astype(float)
+
+
+@pytest.mark.parametrize("turn", [0.0, 90.0])
+def test_the_wall_is_dark_where_the_lamp_is_hidden_and_light_beside_it(turn: float) -> None:
+    view = VIEW.but(azimuth_deg=turn)
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    turned = VERTICES @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+    lamps = _choose_lamps([view])
+    with PartPainter(turned, FACES) as painter:
+        drawn = grey(draw_hung(painter, [view]))
+        eye = _place_viewer(painter.points, lamps)
+    shadow = _cast(turned, lamps[0].place, lamps[0].wall)
+    middle = shadow.mean(axis=0)
+    seen, _ = eye.project(shadow)
+    body, _ = eye.project(turned)
+    away = (
+        np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > 25
+    )  # the wall is seen there
+    assert away.sum() > 200
+    mid, out = (eye.project(middle + share * (shadow - middle))[0][away] for share in (1.0, 1.2))
+    dark, light = (drawn[tuple(p[:, ::-1].astype(int).T)] for p in (mid, out))
+    assert np.median(dark) < 0.75 * np.median(light)
+
+
+def test_all_of_piece_and_shadow_lies_in_the_picture() -> None:
+    lamps = _choose_lamps([VIEW])
+    eye = _place_viewer(VERTICES, lamps)
+    seen, _ = eye.project(
+        np.concatenate([VERTICES, _cast(VERTICES, lamps[0].place, lamps[0].wall)])
+    )
+    assert (seen > 0).all() and (seen < (WIDE_PX, HIGH_PX)).all()
+
+
+def test_two_walls_make_a_corner_and_a_third_lamp_on_one_wall_mixes_with_it() -> None:
+    aside, opposite = (
+        VIEW.but(name="aside", azimuth_deg=90.0),
+        VIEW.but(name="o", azimuth_deg=180.0),
+    )
+    assert len(_choose_lamps([VIEW, aside])) == 2
+    assert len(_choose_lamps([VIEW, opposite])) == 1
+    beside = [VIEW.but(light_right_mm=right) for right in (-50.0, 0.0, 50.0, 80.0)]
+    assert len(_choose_lamps(beside)) == 3
+
+
+def test_an_eye_has_no_shadow_and_the_same_piece_the_same_picture() -> None:
+    with PartPainter(VERTICES, FACES) as painter:
+        assert draw_hung(painter, [VIEW.but(kind="eye")]) is None
+        one = grey(draw_hung(painter, [VIEW], desk_mm=-40.0))
+        assert (one == grey(draw_hung(painter, [VIEW], desk_mm=-40.0))).all()
