@@ -98,11 +98,11 @@ wheel-test: system
 	cd "$$place"; venv/bin/knotfab build text:A --print --mount wall --accuracy draft --out built; \
 	venv/bin/knotfab validate built; ls built
 
-# pictures by settings, built and printed: the project's own with default settings (about 10 min), the same with the slicer's
-# supports (30 min), on every holder, at every accuracy, in every time budget, sets of several pictures (15 min), colours by
+# pictures by settings, built and printed: the project's own with default settings (about 10 min), without supports beside another
+# checkout (about an hour; BEFORE=../before), on every holder, at every accuracy, in every time budget, sets of several pictures (15 min), colours by
 # three lamps (10 min), twelve knots tied into one picture (5 min); what was built already is not built again
 accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table: system slicer $(DONE)
-	$(BIN)/python -m benchmarks.build_table $(@:%-table=%) --out out/$(@:%-table=%)
+	$(BIN)/python -m benchmarks.build_table $(@:%-table=%) --out out/$(@:%-table=%) $(if $(BEFORE),--before $(BEFORE))
 
 # other projects' files below a folder (DIR=...): 3MF conformance suites, knots, pictures; a few seconds each
 outside-suites: system $(DONE)

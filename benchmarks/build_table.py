@@ -1,9 +1,10 @@
 """Build a table of pictures by settings, each as a process of its own, and print what they reach.
 
 `python -m benchmarks.build_table TABLE [PICTURE ...] [--settings NAME ...] [--accuracy NAME] [--out DIR]
-[--sheet FILE.png]`, where TABLE is one of TABLES below: a row for each picture and setting, then the means,
-and for further settings the ratio to the first, picture by picture. A PICTURE such as heart+teapot is one
-part of two views, and heart+teapot@eye one that is looked at. With --out, what is done is not built again.
+[--before CHECKOUT] [--sheet FILE.png]`, where TABLE is one of TABLES below: a row for each picture and
+setting, then the means, and for further settings the ratio to the first, picture by picture. A PICTURE such
+as heart+teapot is one part of two views, and heart+teapot@eye one that is looked at. With --out, what is done
+is not built again. With --before, another checkout builds the first setting as well; ratios are to that.
 `--sheet` draws pictures beside their shadows.
 """
 
@@ -11,9 +12,12 @@ from __future__ import annotations
 
 import json
 import statistics
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from subprocess import run
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -33,7 +37,7 @@ from examples.pictures import pictures
 
 Report = Mapping[str, Any]
 Row = dict[str, float | str]
-_EYE = "@eye"
+_EYE, _BEFORE = "@eye", "before"
 _WIDE_LOSS = 1.5  # tube diameters: a lost piece or hole wider than this could have been drawn
 
 
@@ -86,7 +90,9 @@ COLUMNS: dict[str, Callable[[Report], float | str]] = {
     "depth": lambda r: r["print"]["depth_ratio"],
     "z45": lambda r: r["views"][0]["recognition"]["45"]["z"],
     "told": lambda r: r["views"][0]["told"]["worst"]["share"],
-    "bars": lambda r: (r["print"].get("bars") or {"count": 0})["count"],
+    "door": lambda r: r["views"][0]["told"]["door"],
+    "specks": lambda r: float(r["verdict"]["specks"]),
+    "bars": lambda r: float((r["print"].get("bars") or {"count": 0})["count"]),
     "bend": mean_bend,
     "turns": lambda r: sum(k["turns"] for k in r["knots"]),
     "length_mm": lambda r: sum(k["length_mm"] for k in r["knots"]),
@@ -105,7 +111,8 @@ COLUMNS: dict[str, Callable[[Report], float | str]] = {
     "failed": lambda r: " ".join(failed_checks(r)) or "-",
 }
 """What is read from report.json, by the column's name."""
-PROCESS = ("code", "cpu_s", "wall_s", "peak_mb")  # columns that come from the process
+# columns that come from the build's process, and from that of a preview
+PROCESS = ("code", "cpu_s", "wall_s", "peak_mb", "guessed_g", "guessed_h")
 
 
 def draw_sets(seed: int = 39) -> dict[int, list[str]]:
@@ -187,8 +194,8 @@ TABLES = {
         options=_UNSLICED,
     ),
     "supports": Table(
-        ("code", "cpu_s", "grams", "support_g", "hours", "word", "iou", "bend", "z45", "failed"),
-        {"default": (), "slicer's": ("--supports", "slicer", "--mount", "none")},
+        ("code", "cpu_s", "holder", "grams", "support_g", "hours", "guessed_g", "guessed_h")
+        + ("told", "door", "bars", "specks", "word", "iou", "failed")
     ),
     "knots": Table(
         ("code", "cpu_s", "knot", "iou", "length_mm"),
@@ -221,8 +228,16 @@ def draw_picture(name: str) -> Image.Image:
     return drawn[name] if name in drawn else (small_pictures() | line_pictures([name]))[name]
 
 
-def build_row(name: str, setting: str, options: tuple[str, ...], folder: Path) -> tuple[Row, Path]:
+def build_row(
+    name: str,
+    setting: str,
+    options: tuple[str, ...],
+    folder: Path,
+    checkout: Path | None = None,
+    guessed: bool = False,
+) -> tuple[Row, Path]:
     """Build a picture, or several joined by +, unless that is done: what it took, and its files' folder."""
+    folder = folder.resolve()
     place = folder / f"{name}-{setting}".replace(" ", "-")
     kept = place.with_name(f"{place.name}.json")
     if not kept.is_file():
@@ -239,12 +254,26 @@ def build_row(name: str, setting: str, options: tuple[str, ...], folder: Path) -
             )
             scene.write_text("schema = 1\n" + "\n".join(views))
             files += ["--scene", str(scene)]
-        built = build_apart(files[0], place, *files[1:], *options, printing=False)
+        more = [*files[1:], *options]
+        built = build_apart(files[0], place, *more, printing=False, checkout=checkout)
         took = {"code": built.code, "cpu_s": built.cpu_s, "wall_s": built.wall_s}
         said = " ".join(built.said.split())[:300]
-        kept.write_text(json.dumps({**took, "peak_mb": built.peak_mb, "said": said}))
+        guess = guess_print(files, options) if guessed else {}
+        kept.write_text(json.dumps({**took, "peak_mb": built.peak_mb, "said": said, **guess}))
     row: Row = json.loads(kept.read_text())
     return row, place if row["code"] == 0 else place / "rejected"
+
+
+def guess_print(files: list[str], options: tuple[str, ...]) -> Row:
+    """Return the grams and hours that a preview tells of a build; none where it refuses."""
+    asked = [word for word in options if word not in ("--print", "--skip", "slicer")]
+    with TemporaryDirectory() as place:
+        call = [sys.executable, "-m", "knotfab", "preview", *files, *asked, "--json"]
+        done = run([*call, "--out", f"{place}/out.png"], capture_output=True, text=True)
+    if done.returncode:
+        return {}
+    guess = json.loads(done.stdout)["guess"]
+    return {"guessed_g": guess["mass_g"], "guessed_h": guess["hours"]}
 
 
 def read_row(columns: tuple[str, ...], row: Row, report: Report | None) -> Row:
@@ -252,7 +281,7 @@ def read_row(columns: tuple[str, ...], row: Row, report: Report | None) -> Row:
     found: Row = {}
     for column in columns:
         if column in PROCESS:
-            found[column] = row[column]
+            found |= {column: row[column]} if column in row else {}
         elif report is not None:
             try:
                 found[column] = COLUMNS[column](report)
@@ -332,6 +361,7 @@ def main(
     settings: tuple[str, ...] = (),
     accuracy: str | None = None,
     out: Path | None = None,
+    before: Path | None = None,
     sheet: Path | None = None,
 ) -> int:
     """Print the table and its summary; 1 if a build failed."""
@@ -340,12 +370,17 @@ def main(
     asked, folder = TABLES[table], make_folder(out, table)
     chosen = {key: asked.settings[key] for key in settings or asked.settings}
     more = () if accuracy is None else ("--accuracy", accuracy)
+    if before is not None:
+        chosen = {_BEFORE: next(iter(chosen.values())), **chosen}
     rows: dict[str, dict[str, Row]] = {key: {} for key in chosen}
     made: dict[str, Path] = {}
     print("picture", "setting", *asked.columns, sep="  ")
     for name in names or asked.names():
         for key, options in chosen.items():
-            row, place = build_row(name, key, (*asked.options, *options, *more), folder)
+            checkout = before if key == _BEFORE else None
+            guessed = checkout is None and "guessed_g" in asked.columns
+            how = (*asked.options, *options, *more)
+            row, place = build_row(name, key, how, folder, checkout, guessed)
             report = read_report(place)
             found = read_row(asked.columns, row, report)
             rows[key][name] = found

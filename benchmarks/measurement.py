@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 import resource
 import subprocess
@@ -128,14 +129,18 @@ def build_apart(
     *options: str,
     limit_s: float | None = None,
     printing: bool = True,
+    checkout: Path | None = None,
 ) -> Built:
-    """Build `picture` with `options` into `out`, with --print where `printing`; killed after `limit_s`."""
+    """Build `picture` with `options` into `out`, with --print where `printing`; killed after `limit_s`.
+
+    The packages may be those of another `checkout`.
+    """
     call = [sys.executable, "-m", "knotfab", "build", str(picture)]
     call += [*(["--print"] if printing else []), "--out", str(out), "--quiet", *options]
     watch, peak = Stopwatch(), 0.0
     # files and not pipes: a pipe that nobody reads while the memory is polled would fill up
     with tempfile.TemporaryFile("w+") as told, tempfile.TemporaryFile("w+") as errors:
-        child = subprocess.Popen(call, stdout=told, stderr=errors, text=True)
+        child = subprocess.Popen(call, stdout=told, stderr=errors, text=True, **_stand_in(checkout))
         while child.poll() is None:
             peak = max(peak, _resident_mb(child.pid))
             if limit_s is not None and watch.wall_s > limit_s:
@@ -152,6 +157,14 @@ def build_apart(
     # beside a rejected build an earlier good one may stand
     report = read_report(out if code == 0 else out / "rejected")
     return Built(code, wall_s, watch.children_s, peak, report, said)
+
+
+def _stand_in(checkout: Path | None) -> dict[str, Any]:
+    """Return arguments of Popen with which Python imports the packages of another checkout."""
+    if checkout is None:
+        return {}
+    places = [checkout.resolve() / part for part in ("", "formats", "validators", "fixtures")]
+    return {"cwd": checkout, "env": os.environ | {"PYTHONPATH": ":".join(map(str, places))}}
 
 
 def _stop(child: subprocess.Popen[str]) -> None:

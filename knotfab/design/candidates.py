@@ -163,8 +163,10 @@ def too_fine(
 # Fitted to builds of the project's own pictures; docs/silhouette.md compares the guesses with the slicer's.
 # length of a tube over that of its flat start, or over area / width: with depth, and flat
 _LENGTH, _LENGTH_FLAT = 1.45, 1.12
-# length of strands that print without supports over that of those with (docs/prints.md)
-ARCHES = 1.46
+# length of strands that print without supports over that of those with, and hours a gram (docs/prints.md)
+ARCHES, PER_GRAM = 1.46, 1.08
+# their length over that of the flat start: longer searches leave more of it, for they close what is light
+_LENGTH_ARCHED = {"sketch": 1.57, "draft": 1.71, "standard": 2.0, "fine": 2.0}
 # printing time of a tube of this radius, h/cm³; it is inversely proportional to the radius
 _HOURS, _OF_RADIUS_MM = 0.158, 1.77
 _HOURS_PLATE = 0.06  # of a plate, h/cm³
@@ -210,7 +212,8 @@ def guess_print(
     length = sum(areas_mm2) / (2 * radius_mm)
     if template is not None:
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
-    length *= _LENGTH_FLAT if flat else _LENGTH * (ARCHES if alone else 1.0)
+    arched = _LENGTH_ARCHED[scene.accuracy.name]
+    length *= _LENGTH_FLAT if flat else arched if alone else _LENGTH
     tube, plate = np.pi * radius_mm**2 * length, 0.0
     on_wall = scene.mount.kind == "wall" or scene.mount.on_feet
     if on_wall and scene.mount.foot != "dowel":
@@ -226,7 +229,8 @@ def guess_print(
     room = 2.0 * view.reach_mm
     depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
     around = 0.0 if alone else _HOURS_AROUND * 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
-    hours = hours_of_tube(tube, radius_mm) + hours_of_plate(plate) + around
+    hours = hours_of_tube(tube, radius_mm) * (PER_GRAM if alone else 1.0)
+    hours += hours_of_plate(plate) + around
     return Guess(float(mass), float(hours), without, alone)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.design.candidates import ARCHES, DEPTH_RATIO, hours_of_plate, price_of
+from knotfab.design.candidates import ARCHES, DEPTH_RATIO, PER_GRAM, hours_of_plate, price_of
 from knotfab.geometry.tube import face_normals, keep_faces, mesh_volume, split_shells
 from knotfab.request import Request
 from knotfab.scene.require import why_supported
@@ -19,8 +19,6 @@ from knotfab_formats.verdict import Check, View
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part
 
-# Measured, as ARCHES is, on pieces that were built both ways; docs/prints.md has the ratios.
-PER_GRAM = 1.08  # hours per gram of arches over hours per gram of strands and supports
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
 ROOM = 0.02
 _BED_MM = 1e-6  # what is no higher lies on the bed

@@ -150,7 +150,7 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
 ) -> None:
     calls: list[tuple[str, ...]] = []
 
-    def build(first: str, out: Path, *options: str, printing: bool) -> Built:
+    def build(first: str, out: Path, *options: str, printing: bool, checkout: object) -> Built:
         calls.append((first, *options))
         return Built(2, 1.0, 2.0, 3.0, None, "refused")
 
