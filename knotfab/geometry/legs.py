@@ -115,11 +115,13 @@ def plan_bars(
     radius: float,
     young_modulus_mpa: float,
     hidden: Callable[[Array], bool] = lambda _: True,
+    *,
+    thrifty: bool = False,
 ) -> tuple[list[Bar], Array]:
     """Plan bars so that no leg stands free for too long; also return the places (k, 3) that lack a bar.
 
-    From the bed up, the leg that must be held first is joined where that spares it and its neighbour the most
-    further bars. A bar ends the free length of both.
+    From the bed up, the leg that must be held first is joined as late as it may be or, to be thrifty, where
+    that spares it and its neighbour the most further bars. A bar ends the free length of both.
 
     Args:
         hidden: returns whether none of the points (n, 3) along a bar would show in a picture.
@@ -192,39 +194,49 @@ def plan_bars(
             beside = beside[(own[beside] != own[e]) | ~theirs]
         return found if _is_clear(found, points[beside], radius) else None
 
+    def tie_legs(thrifty: bool) -> tuple[list[Bar], Array]:
+        tied[:] = 0.0
+        bars, lacking = list[Bar](), list[Array]()
+        ties = list[tuple[int, int]]()  # the points that each bar joins
+        while (total - tied > most).any():
+            # the lowest place at which a leg must be held
+            latest = begin[:-1] + ((tied + most) / _STEP_MM).astype(int)
+            waiting = np.flatnonzero(total - tied > most)
+            leg = int(waiting[points[latest[waiting], 2].argmin()])
+            lowest = begin[leg] + int(max(tied[leg], 3 * radius) / _STEP_MM) + 1
+            best: tuple[float, Bar, int] | None = None
+            for n in range(latest[leg], lowest, -_BACK):
+                least = 0.0 if best is None else best[0]
+                if best is not None and (
+                    not thrifty or spares(leg, along[n]) + _MOST_SPARED <= least
+                ):
+                    break
+                if (found := find_bar(n, least)) is not None:
+                    best, place = found, n
+            if best is None:
+                lacking.append(points[latest[leg]])
+                tied[leg] += most
+                continue
+            _, bar, other = best
+            bars.append(bar)
+            ties.append((place, other))
+            tied[leg] = along[place]
+            if spares(own[other], along[other]):
+                tied[own[other]] = along[other]
+        kept = _drop_spare(
+            [bar.gap_mm for bar in bars],
+            [[(int(own[n]), float(along[n])) for n in pair] for pair in ties],
+            total,
+            most,
+        )
+        return [bars[n] for n in kept], np.array(lacking).reshape(-1, 3)
+
     tied = np.zeros(len(legs))
-    bars, lacking = list[Bar](), list[Array]()
-    ties = list[tuple[int, int]]()  # the points that each bar joins
-    while (total - tied > most).any():
-        # the lowest place at which a leg must be held
-        latest = begin[:-1] + ((tied + most) / _STEP_MM).astype(int)
-        waiting = np.flatnonzero(total - tied > most)
-        leg = int(waiting[points[latest[waiting], 2].argmin()])
-        lowest = begin[leg] + int(max(tied[leg], 3 * radius) / _STEP_MM) + 1
-        best: tuple[float, Bar, int] | None = None
-        for n in range(latest[leg], lowest, -_BACK):
-            least = 0.0 if best is None else best[0]
-            if spares(leg, along[n]) + _MOST_SPARED <= least:
-                break
-            if (found := find_bar(n, least)) is not None:
-                best, place = found, n
-        if best is None:
-            lacking.append(points[latest[leg]])
-            tied[leg] += most
-            continue
-        _, bar, other = best
-        bars.append(bar)
-        ties.append((place, other))
-        tied[leg] = along[place]
-        if spares(own[other], along[other]):
-            tied[own[other]] = along[other]
-    kept = _drop_spare(
-        [bar.gap_mm for bar in bars],
-        [[(int(own[n]), float(along[n])) for n in pair] for pair in ties],
-        total,
-        most,
-    )
-    return [bars[n] for n in kept], np.array(lacking).reshape(-1, 3)
+    found = tie_legs(thrifty)
+    if thrifty and len(found[1]):
+        # a bar lower down may leave its leg out of reach of the next one
+        found = min(found, tie_legs(False), key=lambda one: len(one[1]))
+    return found
 
 
 def _drop_spare(

@@ -207,7 +207,7 @@ def stand(
     knots = pose.knots
     cut = 0.0 if in_plate else CUT_RADII * knots.radius_mm
     legs = find_legs([knot.points for knot in knots.knots])
-    planned, lacking = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden)
+    planned, lacking = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden, thrifty=True)
     down = np.array([0.0, 0.0, -cut])
     bars = tuple(Bar(b.start + down, b.end + down, b.gap_mm) for b in planned)
     assert max((bar.gap_mm for bar in bars), default=0.0) < MOST_BRIDGE_MM

@@ -52,14 +52,23 @@ def tell(vertices: Array, parts: Mapping[str, Ints], axes: Array, target: Mask) 
         used, place = np.unique(faces, return_inverse=True)
         own = np.ascontiguousarray(place.reshape(-1, 3), dtype=np.int64)
         for side in SIDES if len(faces) else ():
-            turned = [local[used] @ _look_from(*_beside(side, by)).T for by in NEARBY_DEG]
-            looks = [_draw_look(points, own, picture.wide) for points in turned]
-            found.append((picture.share(looks), side, name))
+            found.append((picture.share(_look(local[used], own, side, picture)), side, name))
     if not found:
         return None
     share, (azimuth, elevation), of = max(found)
     door = max(share for share, side, _ in found if side in DOOR)
     return Told(worst=ToldFrom(share, azimuth, elevation), door=door, of=of)
+
+
+def tell_side(local: Array, faces: Ints, side: tuple[int, int], target: Mask) -> float:
+    """Measure how much faces (m, 3) tell from one side; vertices `local` (n, 3) are in the view's axes."""
+    picture = _Picture(target)
+    return picture.share(_look(local, np.ascontiguousarray(faces, dtype=np.int64), side, picture))
+
+
+def _look(local: Array, faces: Ints, side: tuple[int, int], picture: _Picture) -> list[Array]:
+    turned = [local @ _look_from(*_beside(side, by)).T for by in NEARBY_DEG]
+    return [_draw_look(points, faces, picture.wide) for points in turned]
 
 
 def tell_flat(sheet: Mask, target: Mask) -> float:
