@@ -5,9 +5,9 @@ stretched silhouettes, then how each follows the words. The silhouettes, seen fr
 drawn by lot, stand shuffled in read_aside.png, each behind its picture: the project's 19 pictures built at
 standard both ways of supports, and two more sides. The words were written down before anything was measured,
 without names beside the silhouettes: 2, the picture can be named; 1, it can be guessed; 0, a tangle.
-`told` was chosen by these. strangers.json has 60 other looks (`benchmarks.strangers --views 60`), from twelve
-sides, at ten builds in roots or a rounded plate: what `told` says of all that is seen in each, and the words of
-one who knew what was built.
+`told` was chosen by these. strangers.json has 60 other looks (`benchmarks.strangers --views 60`), from
+twelve sides, at ten builds in roots or a rounded plate: what `told` says of all that is seen in each, and the
+words of one who knew what was built.
 """
 
 from __future__ import annotations
@@ -72,9 +72,10 @@ def main() -> int:
     looks = json.loads(Path(__file__).with_name("strangers.json").read_text())
     told, words = (np.array([look[key] for look in looks]) for key in ("told", "word"))
     middles = ", ".join(f"{np.median(told[words == word]):.2f}" for word in (0, 1, 2))
+    named, follows = tell_apart(told, words == 2), spearmanr(told, words)[0]
     print(
-        f"told of {len(looks)} other looks: medians {middles}; rank correlation "
-        f"{spearmanr(told, words)[0]:.2f}; of a named look and another the named one is higher in {100 * tell_apart(told, words == 2):.0f} %"
+        f"told of {len(looks)} other looks: medians {middles}; rank correlation {follows:.2f}; "
+        f"of a named look and another the named one is higher in {100 * named:.0f} %"
     )
     return 0
 
