@@ -18,6 +18,14 @@ MODULUS_MPA = {
     "tpu": 26.0,
     "resin": 2700.0,
 }  # else 2300
+SIDES_MM = {  # the longest side of what printers build; others may build anything
+    **dict.fromkeys(("bambu-a1-mini", "prusa-mini"), 180.0),
+    **dict.fromkeys(("prusa-mk3s", "prusa-mk4", "prusa-mk4s", "generic-220"), 250.0),
+    **dict.fromkeys(("ender-3", "ender-3-v2", "ender-3-v3"), 250.0),
+    **dict.fromkeys(("bambu-a1", "bambu-p1p", "bambu-p1s", "bambu-x1", "creality-k1"), 256.0),
+    **{"ender-3-s1": 270.0, "prusa-core-one": 270.0, "prusa-xl": 360.0, "voron-2.4-350": 350.0},
+    **{"form-3": 185.0, "hp-mjf": 380.0, "sls": 600.0},
+}
 # what each key may be at least and at most, by what the printer prints with ("" all)
 BOUNDS: dict[str, dict[str, tuple[float, float]]] = {
     "": {
@@ -68,6 +76,9 @@ def _find(scene: Any, knots: Any) -> Iterator[tuple[str, object]]:
             value = getattr(one, key, None)
             if value is not None and not least <= value <= most:
                 yield key, f"{value:g}"
+    longest = max(getattr(printer, "build_volume_mm", None) or (0.0,))
+    if longest > 1.05 * SIDES_MM.get(printer.name, longest):
+        yield "build_volume_mm", f"{longest:g}"
     error = scene.accuracy.max_outline_error_px
     if error is not None and error > OUTLINE_PX.get(scene.accuracy.name, 0.5):
         yield "max_outline_error_px", f"{error:g}"
@@ -79,7 +90,7 @@ def _find(scene: Any, knots: Any) -> Iterator[tuple[str, object]]:
         yield "min_bend_radius_mm", f"{bend:g}"
     if knots is None:
         return
-    held = bool(knots.members or knots.plate is not None)
+    held = bool(knots.members or knots.plate is not None or scene.lamps.table)
     if not piece.printed and (held or knots.bars):
         yield "printed", "false"
     if piece.supports != "none" and knots.bars:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import re
+import zipfile
 from collections.abc import Callable, Mapping
 from functools import partial
+from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +34,8 @@ from .forging import (
 
 Rng = np.random.Generator
 Edit = Callable[[Held, Rng], object]
-ON_PLATE = "wall pegs", "full plate", "outline plate"
+Change = Callable[[bytes], bytes]
+ON_PLATE = "wall pegs", "roots", "rounded plate", "full plate", "outline plate"
 WITH_MEMBERS = "wall pegs", "drilled holes", "stand", "hang"
 MOUNTED = *ON_PLATE, "drilled holes", "stand", "hang"
 EVERY = tuple(HOLDERS)
@@ -255,6 +261,247 @@ def _scale(held: Held, rng: Rng) -> None:
     held.bodies = [body.scale((share,) * 3) for body in held.bodies]
 
 
+# part.3mf, which slicers read, and slicer.ini
+
+MODEL = "3D/3dmodel.model"
+KEYS = (
+    "layer_height",
+    "perimeters",
+    "support_material",
+    "fill_density",
+    "raft_layers",
+    "start_gcode",
+)
+ENTRIES = (
+    *("Metadata/Slic3r_PE.config", "Metadata/Slic3r_PE_model.config", "metadata/SUPERSLICER.config"),
+    *("Metadata/model_settings.config", "Metadata/project_settings.config", "Metadata/slice_info.config"),
+    *("Metadata/Prusa_Slicer_layer_heights_profile.txt", "Metadata/layer_config_ranges.xml"),
+    *("Metadata/custom_gcode_per_layer.xml", "Metadata/cut_information.xml", "Cura/machine.def.cfg"),
+    *("3D/Texture/a.png", "3D/Objects/object_1.model", "3D/_rels/3dmodel.model.rels", "a.gcode", "x"),
+)  # fmt: skip
+SPACES = (
+    *("slic3rpe", "http://schemas.slic3r.org/3mf/2017/06"),
+    *("s", "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"),
+    *("b", "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"),
+    *("bo", "http://schemas.3mf.io/3dmanufacturing/booleanoperations/2023/07"),
+    *("urn", "urn:own"),
+)
+# attributes that are put into an element, and elements before another
+ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
+    "triangle": ("paint_supports='4'", "paint_color='8'", "{0}:custom_seam='4'", "{0}:x='1'"),
+    "vertex": ("{0}:height='0.35'", "w='1'"),
+    "object": ("{0}:slicestackid='5'", "type='surface'", "type='support'", "pid='9'", "partnumber='x'"),
+    "item": ("printable='0'", "partnumber='x'", "{0}:path='/3D/o.model'", "transform='{1}'"),
+    "model": ("requiredextensions='{0}'", "recommendedextensions='{0}'", "{0}:Version='2'"),
+    "mesh": ("{0}:beamset='1'",),
+}  # fmt: skip
+ELEMENTS: Mapping[str, tuple[str, ...]] = {
+    "resources": ("metadata name='{0}:Version3mf'|1", "metadata name='LayerHeight'|0.3"),
+    "object": ("{0}:slicestack id='5'|", "colorgroup id='5'|", "object id='7' type='model'|"),
+    "build": ("{0}:settings layer='0.3'|",),
+    "mesh": ("metadatagroup|<metadata name='cura:support_mesh'>True</metadata>", "{0}:x|", "mesh|"),
+    "vertices": ("{0}:vertices|",),
+    "triangles": ("{0}:beamlattice radius='9'|", "trianglesets|"),
+    "item": ("{0}:item objectid='1'|", "item objectid='1' transform='{1}'|"),
+    "triangle": ("{0}:triangle v1='0' v2='1' v3='2'|", "triangle v1='0' v2='1' v3='2'|"),
+    "vertex": ("{0}:vertex x='0' y='0' z='0'|",),
+}
+
+
+def _zipped(change: Callable[[dict[str, bytes]], object]) -> Change:
+    """Change an archive's entries by name, which are written as they are."""
+
+    def rewrite(content: bytes) -> bytes:
+        with zipfile.ZipFile(io.BytesIO(content)) as file:
+            entries = {name: file.read(name) for name in file.namelist()}
+        change(entries)
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+            for name, data in entries.items():
+                info = zipfile.ZipInfo()
+                info.filename, info.compress_type = name, zipfile.ZIP_DEFLATED
+                file.writestr(info, data)
+        return packed.getvalue()
+
+    return rewrite
+
+
+def _edit_model(held: Held, rng: Rng, pattern: str, new: str) -> None:
+    """Replace one place of a pattern in the model, chosen at random, and give it a namespace at need."""
+
+    def edit(entries: dict[str, bytes]) -> None:
+        text = entries[MODEL].decode()
+        found = list(islice(re.finditer(pattern, text), 5000))
+        at = found[rng.integers(len(found))]
+        text = text[: at.start()] + at.expand(new) + text[at.end() :]
+        for prefix, uri in zip(SPACES[::2], SPACES[1::2], strict=True):
+            if f"xmlns:{prefix}=" not in text and re.search(rf"[<\s']{prefix}[:']", text):
+                text = text.replace("<model ", f"<model xmlns:{prefix}='{uri}' ", 1)
+        entries[MODEL] = text.encode()
+
+    held.files["part.3mf"] = _zipped(edit)
+
+
+def _pick(rng: Rng, table: Mapping[str, tuple[str, ...]]) -> tuple[str, str]:
+    tag = str(rng.choice(list(table)))
+    matrix = np.round(np.eye(4, 3) + rng.normal(0, [0.01, 5.0][rng.integers(2)], (4, 3)), 4)
+    moved = " ".join(str(x) for x in matrix.ravel())
+    return tag, str(rng.choice(table[tag])).format(str(rng.choice(SPACES[::2])), moved)
+
+
+def _put_entry(held: Held, rng: Rng) -> None:
+    name, key = str(rng.choice(ENTRIES)), str(rng.choice(KEYS))
+    name = "".join(c.upper() if rng.random() < 0.1 else c for c in name)
+    text = str(
+        rng.choice(["", f"; {key} = 3\n", f'<config><x key="{key}" value="3"/></config>', "{}"])
+    )
+    held.files["part.3mf"] = _zipped(lambda entries: entries.__setitem__(name, text.encode()))
+
+
+def _put_attribute(held: Held, rng: Rng) -> None:
+    tag, word = _pick(rng, ATTRIBUTES)
+    key = re.escape(word.partition("=")[0])
+    _edit_model(
+        held, rng, rf"<{tag}\b(?:([^>]*?)\s{key}=(?:\"[^\"]*\"|'[^']*'))?", rf"<{tag}\1 {word}"
+    )
+
+
+def _put_element(held: Held, rng: Rng) -> None:
+    tag, word = _pick(rng, ELEMENTS)
+    start, _, inner = word.partition("|")
+    own = f"<{start}>{inner}</{start.partition(' ')[0]}>"
+    behind = tag in ("triangle", "vertex", "item", "object") and rng.random() < 0.5
+    tag = f"/{tag}s" if behind and tag == "triangle" else tag
+    _edit_model(held, rng, rf"<{tag}\b", own + rf"<{tag}")
+
+
+def _change_mesh(held: Held, rng: Rng) -> None:
+    """Move a vertex, or drop, double or turn a face, in part.3mf alone; or name another unit."""
+    off = float(rng.choice([-1, 1]) * rng.uniform(0.01, 30.0))
+    pattern, new = [
+        (r'<vertex x="(-?)\d+', rf'<vertex x="\g<1>{abs(off):.3f}'),
+        (r"<triangle [^>]*/>", ""),
+        (r"(<triangle [^>]*/>)", r"\1\1"),
+        (r'v1="(\d+)" v2="(\d+)"', r'v1="\2" v2="\1"'),
+        ("millimeter", str(rng.choice(["inch", "micron", "centimeter", "meter", "foot"]))),
+        (r'z="(-?\d+)\.', r'z="1\1.'),
+    ][rng.integers(6)]
+    _edit_model(held, rng, pattern, new)
+
+
+def _start_elsewhere(held: Held, rng: Rng) -> None:
+    """Relate the archive to another model as well, or instead."""
+    own, name = bool(rng.random() < 0.5), str(rng.choice(["3D/a.model", "3D/b/C.Model", "a.model"]))
+
+    def relate(entries: dict[str, bytes]) -> None:
+        entries[name] = entries[MODEL].replace(b' x="', b' x="1', 1)
+        rels = entries["_rels/.rels"]
+        more = re.sub(rb'"/3D/3dmodel.model"([^>]*)rel0', b'"/%s"\\1rel9' % name.encode(), rels)
+        one = re.search(rb"<Relationship [^>]*rel9[^>]*>", more)
+        assert one is not None
+        entries["_rels/.rels"] = (
+            more if own else rels.replace(b"</Relationships>", one[0] + b"</Relationships>")
+        )
+
+    held.files["part.3mf"] = _zipped(relate)
+
+
+def _set_profile(held: Held, rng: Rng) -> None:
+    """Change, drop or add a line of slicer.ini."""
+    more = (
+        *("post_process = /tmp/x.sh", "layer_gcode = M600", "raft_layers = 5", "xy_size_compensation = -0.4"),
+        *("[print:x]", "scale = 50%", "complete_objects = 1", "support_material = 1", "LAYER_HEIGHT = 0.3"),
+    )  # fmt: skip
+
+    def change(content: bytes) -> bytes:
+        lines = content.decode().splitlines()
+        k, kind = int(rng.integers(len(lines))), int(rng.integers(4))
+        key, _, value = lines[k].partition(" = ")
+        if kind == 0:
+            lines.pop(k)
+        elif kind == 1:
+            lines.insert(k, str(rng.choice(more)))
+        else:
+            number = re.search(r"\d+", value)
+            share = (
+                str(float(rng.choice([0, 0.5, 2, 10])) * float(number[0]) + 0.25) if number else "x"
+            )
+            new = value.replace(number[0], share, 1) if number else value + share
+            lines[k] = f"{key} = {new}" if kind == 2 else lines[k] + f"\n{key} = {new}"
+        return "\n".join(lines).encode()
+
+    held.files["slicer.ini"] = change
+
+
+# keys of scene.toml, at what asks for less: a factor between two, or one of some values
+LOOSER: Mapping[str, tuple[float, float] | list[Any]] = {
+    "piece.printed": [False],
+    "piece.clearance_mm": (0.0, 0.45),
+    "piece.tube_radius_mm": (0.5, 0.85),
+    "piece.knots": [1, 3],
+    "piece.knot": ["3_1", "4_1"],
+    "material.process": ["powder"],
+    "material.young_modulus_mpa": (3.0, 100.0),
+    "material.min_bend_radius_mm": (0.01, 0.8),
+    "material.shrinkage_percent": [3.0, 8.0],
+    "printer.process": ["powder"],
+    "printer.min_wall_mm": (0.01, 0.8),
+    "printer.min_gap_mm": (0.01, 0.8),
+    "printer.layer_height_mm": (0.05, 0.35),
+    "printer.max_overhang_deg": (1.3, 1.9),
+    "printer.max_bridge_mm": (2.0, 100.0),
+    "printer.build_volume_mm": [[900.0, 900.0, 900.0]],
+    "views.light_diameter_mm": [90.0, 150.0, 400.0],
+    "views.threshold": [0.01, 0.97, 0.99],
+    "views.speck_px": [2000, 5000],
+    "views.invert": [True],
+    "accuracy.max_outline_error_px": (3.0, 1000.0),
+    "mount.kind": ["none"],
+    "mount.max_sag_mm": [5.0, 60.0],
+    "mount.pegs": [[], [1, 1]],
+    "mount.hole_diameter_mm": [1.0, 2.0, 8.0],
+    "mount.thread_mm": ["none", [0.0, 0.0, 0.0]],
+}
+
+
+def _loosen(held: Held, rng: Rng) -> None:
+    """Ask for less in scene.toml, and leave the profile out, which would tell most of it."""
+    has = [key for key in LOOSER if _fits(held, key)]
+    key = str(rng.choice(has))
+    table, _, name = key.partition(".")
+    asked, value = held.scene[table], LOOSER[key]
+    for one in asked if isinstance(asked, list) else [asked]:
+        one[name] = (
+            value[rng.integers(len(value))]
+            if isinstance(value, list)
+            else float(rng.uniform(*value)) * one[name]
+        )
+    held.files["slicer.ini"] = None
+
+
+def _fits(held: Held, key: str) -> bool:
+    """Return whether asking less of a key asks less of this piece."""
+    table, _, name = key.partition(".")
+    mount = held.scene["mount"]
+    asked = held.scene[table]
+    value = (asked[0] if isinstance(asked, list) else asked)[name]
+    if isinstance(LOOSER[key], tuple) and not isinstance(value, int | float):
+        return False
+    return {
+        "mount.kind": mount["kind"] != "none",
+        "mount.pegs": bool(mount["pegs"]) and "members" in held.knots,
+        "mount.max_sag_mm": mount["kind"] != "none",
+        "mount.hole_diameter_mm": "plate" in held.knots or held.folder.name == "wall pegs",
+        "piece.printed": bool(held.knots.keys() & {"members", "plate", "bars"} or held.frame),
+        "mount.thread_mm": mount["kind"] == "hang",
+    }.get(key, True)  # fmt: skip
+
+
+OF = {  # what edits change, if not the solid
+    **dict.fromkeys((_put_entry, _put_attribute, _put_element, _change_mesh), "files"),
+    **dict.fromkeys((_start_elsewhere, _set_profile), "files"),
+    _loosen: "scene",
+}
 EDITS: Mapping[str, tuple[tuple[str, ...], Edit]] = {
     "matter on the mount": (MOUNTED, _grow),
     "a block beside": (EVERY, _lay_beside),
@@ -276,6 +523,14 @@ EDITS: Mapping[str, tuple[tuple[str, ...], Edit]] = {
     "strands said elsewhere": (EVERY, _warp),
     "mirrored": (EVERY, _mirror),
     "scaled": (EVERY, _scale),
+    "an entry in part.3mf": (EVERY, _put_entry),
+    "an attribute in part.3mf": (EVERY, _put_attribute),
+    "an element in part.3mf": (EVERY, _put_element),
+    "another mesh in part.3mf": (EVERY, _change_mesh),
+    "another start in part.3mf": (EVERY, _start_elsewhere),
+    "another profile": (EVERY, _set_profile),
+    "a looser scene": (EVERY, _loosen),
+    "another looser scene": (EVERY, _loosen),
 }
 
 
@@ -288,8 +543,9 @@ def drawn_forgeries(seed: int, count: int) -> list[Forged]:
     for number in range(count):
         order = order or rng.permutation(len(pairs)).tolist()
         holder, name = pairs[order.pop()]
-        forge = partial(_forge, edit=EDITS[name][1], seed=[seed, number])
-        found.append(Forged(holder, f"{name} ({seed}.{number})", forge))
+        edit = EDITS[name][1]
+        forge = partial(_forge, edit=edit, seed=[seed, number])
+        found.append(Forged(holder, f"{name} ({seed}.{number})", forge, OF.get(edit, "solid")))
     return found
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
-from collections.abc import Callable, Iterator
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from knotfab.geometry.tube import as_manifold, as_mesh
 from knotfab.part.assemble import clean_body
-from knotfab_formats.verdict import KNOTS, PRINTING, SHADOWS
+from knotfab_formats.verdict import HELD, KNOTS, MESH, PRINTING, SHADOWS, TABLE, TUBE, UPRIGHT
 from knotfab_validators import validate
 from knotfab_validators.files.mesh import read_mesh
 
@@ -20,17 +24,21 @@ from .curves import Array
 from .files import encode
 from .forged_frames import of_arches, of_frame
 from .forged_members import of_dowels, of_eyelet, of_lists, of_member
-from .forging import Forge, Held, ball, box, hull_of, rod, span_of
+from .forging import HOLDERS, Forge, Held, ball, box, hull_of, rod, span_of
 from .parts import Body
 
 
 @dataclass(frozen=True)
 class Forged:
-    """One fault on a holder (of `held.HOLDERS`), which some required check must find."""
+    """One fault on a holder (of `forging.HOLDERS`), which some required check must find, or words tell.
+
+    `of` is what it changes, one of `SKIPPED`.
+    """
 
     holder: str
     name: str
     forge: Forge
+    of: str = "solid"
 
 
 def forged() -> list[Forged]:
@@ -54,22 +62,29 @@ def forged() -> list[Forged]:
 
 
 QUICK = {*SHADOWS, *PRINTING, *KNOTS, "clearance", "region", "build_volume"}
+BESIDE = {*MESH, *TUBE, *KNOTS, *PRINTING, *UPRIGHT, *HELD, *TABLE, *SHADOWS}
+# what is left out in turn, the next where nothing is found yet; shadows tell scenes only: geometry alone
+# decides about solids, and rings are no picture that is recognised
+SKIPPED: dict[str, tuple[set[str], ...]] = {
+    "solid": (QUICK, {*SHADOWS}),
+    "files": (BESIDE,),
+    "scene": (BESIDE, QUICK, {"shadow-render", "recognisable"}),
+}
+LAXER = re.compile(r"asks for less than [^;.]*: (.*?)[;.] |accepts any shadow")
 
 
-def judge(folder: Path, quick: bool = True) -> tuple[str, ...]:
-    """Validate a folder; return the required checks that fail, or the sentence that refuses it.
-
-    Shadows are left out, so that geometry alone decides. `quick`: the dear checks are made only where the
-    others find nothing.
-    """
+def judge(folder: Path, skipped: Sequence[set[str]] = ({*SHADOWS},)) -> tuple[str, ...]:
+    """Validate a folder; return the required checks that fail, or the sentence that refuses or doubts it."""
     files = folder / "part.stl", folder / "knots.json", folder / "scene.toml"
     try:
-        for skip in (QUICK, {*SHADOWS}) if quick else ({*SHADOWS},):
-            checks = validate(*files, skip=skip).checks
-            failed = tuple(c.name for c in checks if c.required and c.status != "pass")
+        for skip in skipped:
+            verdict = validate(*files, skip=skip)
+            failed = tuple(c.name for c in verdict.checks if c.required and c.status != "pass")
             failed = tuple(name for name in failed if name not in skip)
             if failed:
                 return failed
+            if said := LAXER.search(verdict.conclusion):
+                return (f"says {said[1] or said[0]}",)
     except ValueError as error:
         return (str(error),)
     return ()
@@ -80,7 +95,7 @@ def judge_forged(case: Forged, held: Held, folder: Path) -> tuple[str, ...]:
     own = held.copy()
     case.forge(own)
     own.write(folder)
-    return judge(folder)
+    return judge(folder, SKIPPED[case.of])
 
 
 def of_wall_plate() -> Iterator[tuple[str, Forge]]:
@@ -264,12 +279,27 @@ def _write(folder: Path, body: Body, form: str = "stl", beside: str = "3mf") -> 
     (folder / f"part.{form.partition('-')[0]}").write_bytes(encode(body, form))
 
 
-def _reorder(folder: Path) -> None:
-    rng, body = np.random.default_rng(3), _body(folder)
+def _reorder(folder: Path, seed: int = 3) -> None:
+    rng, body = np.random.default_rng(seed), _body(folder)
     order = rng.permutation(len(body.vertices))
     faces = np.argsort(order)[body.faces[rng.permutation(len(body.faces))]]
     turned = (np.arange(3) + rng.integers(0, 3, (len(faces), 1))) % 3
     _write(folder, Body(body.vertices[order], np.take_along_axis(faces, turned, axis=1)))
+
+
+def _say_otherwise(folder: Path, seed: int) -> None:
+    """Write knots.json and scene.toml with other spaces, orders and last digits; start rings elsewhere."""
+    rng = np.random.default_rng(seed)
+    knots = json.loads((folder / "knots.json").read_text())
+    for knot in knots["knots"]:
+        points = np.roll(np.round(knot["points"], 7), int(rng.integers(99)), axis=0)
+        knot["points"] = points[:: rng.choice([1, -1])].tolist()
+    (folder / "knots.json").write_text(json.dumps(knots, indent=int(rng.integers(5))))
+    scene = tomllib.loads((folder / "scene.toml").read_text())
+    (folder / "scene.toml").write_text("# again\n" + tomli_w.dumps(scene))
+    lines = (folder / "slicer.ini").read_text().splitlines()
+    shuffled = [lines[k].replace(" = ", "=") for k in rng.permutation(len(lines))]
+    (folder / "slicer.ini").write_text("# generated\n" + "\r\n".join(shuffled))
 
 
 def _remesh(folder: Path, refined: int = 1, within_mm: float = 0.0) -> None:
@@ -312,10 +342,36 @@ VARIATIONS: dict[str, Vary] = {
 }
 
 
-def write_variation(name: str, written: Path, folder: Path) -> tuple[Path, Path, Path]:
+def _save_again(name: str, folder: Path, seed: int) -> None:
+    """Save in another format, and say the rest otherwise."""
+    _say_otherwise(folder, seed)
+    VARIATIONS[name](folder)
+
+
+def drawn_variations(seed: int, count: int) -> dict[str, dict[str, Vary]]:
+    """Draw honest variations by holder and name; each kind comes on each holder in turn."""
+    rng = np.random.default_rng(seed)
+    ways: dict[str, Callable[..., None]] = {
+        "reordered": _reorder,
+        "decimated": lambda folder, seed: _remesh(folder, within_mm=0.001 * (1 + seed % 8)),
+        "refined": lambda folder, seed: _remesh(folder, refined=2 + seed % 2),
+        "said otherwise": _say_otherwise,
+    }
+    saved = ("text", "OBJ", "PLY", "3MF in inches", "STL by trimesh", "3MF by lib3mf")
+    ways |= {name: partial(_save_again, name) for name in saved}
+    found: dict[str, dict[str, Vary]] = {}
+    for number in range(count):
+        name = list(ways)[number % len(ways)]
+        holder = list(HOLDERS)[number % len(HOLDERS)]
+        own = partial(ways[name], seed=int(rng.integers(1 << 30)))
+        found.setdefault(holder, {})[f"{name} ({seed}.{number})"] = own
+    return found
+
+
+def write_variation(vary: Vary, written: Path, folder: Path) -> tuple[Path, Path, Path]:
     """Copy a written piece to a folder and vary it; return its part, knots and scene."""
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(written, folder)
-    VARIATIONS[name](folder)
+    vary(folder)
     (part,) = [p for p in folder.glob("part.*") if p.suffix in (".stl", ".obj", ".ply")]
     return part, folder / "knots.json", folder / "scene.toml"

@@ -9,7 +9,7 @@ import shutil
 import tomllib
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Self
@@ -27,6 +27,7 @@ from knotfab.part.write import pose_scene, write_part
 from knotfab.picture.read import Target
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene, SettledScene
+from knotfab_formats.slicer_ini import PROFILE, STYLES, imply_settings
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.geometry.mesh import number_bodies
 
@@ -44,7 +45,7 @@ class Held:
     """A piece in hand: its solid in part coordinates, and what its files say.
 
     Its `bodies` are written as part.stl and part.3mf alike, so that they agree; those of `frame` as
-    table-1.3mf.
+    table-1.3mf. `files` are then changed by name, or taken out.
     """
 
     folder: Path
@@ -52,6 +53,7 @@ class Held:
     knots: dict[str, Any]
     scene: dict[str, Any]
     frame: list[Manifold]
+    files: dict[str, Callable[[bytes], bytes] | None] = field(default_factory=dict)
 
     @classmethod
     def read(cls, folder: Path) -> Self:
@@ -69,15 +71,22 @@ class Held:
         return Held(self.folder, list(self.bodies), *said, list(self.frame))
 
     def write(self, folder: Path) -> None:
-        """Write all files into a folder, which is emptied first."""
+        """Write all files into a folder, which is emptied first; solids only where no file is changed."""
         shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(self.folder, folder)
+        (folder / "knots.json").write_text(json.dumps(self.knots))
+        (folder / "scene.toml").write_text(tomli_w.dumps(self.scene))
+        for name, change in self.files.items():
+            content = (folder / name).read_bytes()
+            (folder / name).unlink()
+            if change is not None:
+                (folder / name).write_bytes(change(content))
+        if self.files:
+            return
         for form in ("stl", "3mf"):
             (folder / f"part.{form}").write_bytes(encode(body_of(self.bodies), form))
         if self.frame:
             (folder / "table-1.3mf").write_bytes(encode(body_of(self.frame), "3mf"))
-        (folder / "knots.json").write_text(json.dumps(self.knots))
-        (folder / "scene.toml").write_text(tomli_w.dumps(self.scene))
 
     def cut(self, *tools: Manifold) -> Held:
         for tool in tools:
@@ -214,6 +223,8 @@ def span_of(held: Held) -> tuple[Array, Array]:
 RADIUS_MM, SIDES, WALL_MM = 2.5, 24, 40.0
 HOLDERS: Mapping[str, Mapping[str, Any]] = {
     "wall pegs": {"mount": {"kind": "wall", "foot": "plate", "max_sag_mm": 0.02}},
+    "roots": {"mount": {"kind": "wall", "foot": "plate", "plate": "roots"}},
+    "rounded plate": {"mount": {"kind": "wall", "foot": "plate", "plate": "rounded"}},
     "full plate": {"mount": {"kind": "wall", "foot": "plate", "plate": "full"}},
     "outline plate": {"mount": {"kind": "wall", "foot": "plate", "plate": "outline"}},
     "drilled holes": {"mount": {"kind": "wall", "foot": "dowel", "max_sag_mm": 0.02}},
@@ -223,6 +234,7 @@ HOLDERS: Mapping[str, Mapping[str, Any]] = {
     "no supports": {"mount": {"kind": "none"}, "piece": {"supports": "none"}},
     "bare": {"mount": {"kind": "none"}},
 }
+FILLED = "no supports", "roots"  # pictures of a disc, which hides what joins the rings
 LAMPS = {"red": ([1.0, 0.0, 0.0], -90.0), "blue": ([0.0, 0.0, 1.0], 90.0)}
 
 
@@ -230,13 +242,17 @@ def write_held(holder: str, folder: Path) -> None:
     """Write the files of a piece on a holder (one of `HOLDERS`) into a new folder."""
     knots = _knots_for(holder)
     scene = _scene(holder)
-    targets = [_target(view.name, holder == "no supports") for view in scene.views]
+    targets = [_target(view.name, holder in FILLED) for view in scene.views]
     made: Any = SimpleNamespace(
         scene=scene, knots=knots, settings=SimpleNamespace(mesh_sides=SIDES)
     )
     part = part_of(made, True, targets)
     with OutputFolder(folder) as staged:
         write_part(staged, part, pose_scene(part), targets)
+        settings = imply_settings(
+            scene.printer, scene.material, scene.mount, scene.piece.supports == "none", STYLES[0]
+        )
+        staged.write(PROFILE, "".join(f"{k} = {v}\n" for k, v in settings.items()))
         staged.commit()
 
 
@@ -267,9 +283,10 @@ def _knots_for(holder: str) -> Knots:
     if holder == "no supports":
         return Knots((Knot(_arches(3, 46.0, 60.0)), Knot(_arches(3, 40.0, 60.0))), RADIUS_MM)
     rings = [_ring(48.0, 6.0), _ring(30.0, 6.0)]
-    if "plate" in holder:  # the lowest points stand in it
+    if "plate" in holder or holder == "roots":  # the lowest points stand in it, or on the wall
         rings = [_arches(4, 48.0), _arches(3, 30.0)]
-        rings = [r - [0.0, 0.0, WALL_MM - 0.6 * RADIUS_MM] for r in rings]
+        high = 1.1 * RADIUS_MM if holder == "roots" else 0.6 * RADIUS_MM
+        rings = [r - [0.0, 0.0, WALL_MM - high] for r in rings]
     return Knots(tuple(Knot(r) for r in rings), RADIUS_MM)
 
 

@@ -75,6 +75,8 @@ def test_each_laxer_key_is_told(case: str) -> None:
 def test_no_printer_is_laxer_than_itself(printer: str, accuracy: str) -> None:
     given = scene_of(printer={"name": printer}, accuracy={"name": accuracy})
     assert tell_laxer(parse_scene(given)) == ""
+    given["printer"]["build_volume_mm"] = [1.3 * mm for mm in given["printer"]["build_volume_mm"]]
+    assert "build_volume_mm" in tell_laxer(parse_scene(given))
 
 
 @pytest.mark.parametrize("material", known_names("material"))

@@ -268,7 +268,7 @@ STEERED: dict[str, tuple[str, str, str]] = {
     "Bambu's project": ("Metadata/project_settings.config", "{}", "project_settings.config"),
     "Cura's project": ("Cura/preferences.cfg", "[general]\nlayer_height = 0.3", "layer_height to 0.3"),
     "anything else": ("notes.txt", "", "has notes.txt"),
-    "a painted triangle": (START, "<triangle |<triangle paint_supports='4' ", "(paint_supports)"),
+    "a painted triangle": (START, "<triangle |<triangle paint_supports='4' ", "paint_supports of triangle"),
     "a slicer's own key": (
         START,
         "<resources|<metadata name='slic3rpe:Version3mf'>1</metadata><resources",

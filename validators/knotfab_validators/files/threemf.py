@@ -194,6 +194,9 @@ class _Package:
         """Say what some slicers would print in another way; "" if all print the same."""
         found = [self.tell_left_out()] if self.left_out else []
         found += [f"has {what}" for model in self.models.values() for what in model.doubts]
+        every = [(part, number) for part, model in self.models.items() for number in model.shapes]
+        found += [f"has object {n}, which its build does not place"
+                  for part, n in every if (part, n) not in self.cost]  # fmt: skip
         return "; ".join([*found, *self.tell_settings()])
 
     def tell_settings(self, foreign: bool = False) -> list[str]:

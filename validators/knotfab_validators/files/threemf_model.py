@@ -57,10 +57,23 @@ TRIANGLES, TRIANGLE = f"{CORE} triangles", f"{CORE} triangle"
 COMPONENTS, COMPONENT = f"{CORE} components", f"{CORE} component"
 METADATA = f"{CORE} metadata"
 BUILD, ITEM = f"{CORE} build", f"{CORE} item"
-GROUP, OWN_METADATA = f"{CORE} metadatagroup", f"{CORE} metadata"
-# local names that PrusaSlicer reads in any namespace; those of vertices are also the slice extension's
-READ_ANYHOW = {"model", "object", "mesh", "triangles", "triangle", "component", "build", "item"}
-OF_TRIANGLE = {"v1", "v2", "v3", "pid", "p1", "p2", "p3"}
+GROUP, MATERIALS = f"{CORE} metadatagroup", f"{CORE} basematerials"
+UUID = f"{PRODUCTION} UUID"
+NOTHING: set[str] = set()
+OWN = {  # the elements of a build's model, with their attributes: slicers read others as they like
+    MODEL: {"unit", "http://www.w3.org/XML/1998/namespace lang"},
+    METADATA: {"name", "preserve"},
+    MATERIALS: {"id"},
+    f"{CORE} base": {"name", "displaycolor"},
+    OBJECT: {"id", "name", "type", "pid", "pindex", UUID},
+    **dict.fromkeys((RESOURCES, MESH, VERTICES, TRIANGLES, COMPONENTS), NOTHING),
+    VERTEX: {"x", "y", "z"},
+    TRIANGLE: {"v1", "v2", "v3"},
+    COMPONENT: {"objectid", UUID},
+    BUILD: {UUID},
+    ITEM: {"objectid", UUID},
+}
+TITLES = {"Title", "Designer", "Description", "LicenseTerms", "Application"}
 CURA_KINDS = ("infill_mesh", "cutting_mesh", "anti_overhang_mesh", "support_mesh")
 INSIDE = {  # the parents in which each element has a meaning
     RESOURCES: MODEL,
@@ -273,7 +286,7 @@ class _Reader:
 
     def end(self, tag: str) -> None:
         self.way.pop()
-        if self.cura and tag == OWN_METADATA:
+        if self.cura and tag == METADATA:
             if self.said.lower() == "true":
                 self.shape.steers = self.cura
             self.cura = ""
@@ -288,8 +301,6 @@ class _Reader:
                 raise self._wrong("triangle", "indices", given) from error
             if not (digits := a + b + c).isascii() or "_" in digits:
                 raise self._wrong("triangle", "indices", given)
-            if painted := given.keys() - OF_TRIANGLE:
-                self._doubt(f"painted triangles ({short(min(painted).rpartition(' ')[2])})")
         elif tag == VERTEX and way[-1] == VERTICES:
             try:
                 a, b, c = given["x"], given["y"], given["z"]
@@ -300,22 +311,30 @@ class _Reader:
                 raise self._wrong("vertex", "numbers", given)
         elif INSIDE.get(tag, "") == way[-1]:
             self._rare(tag, given)
-        elif way[-1] in (VERTICES, TRIANGLES):
-            self._doubt("elements among its vertices or triangles that are none")
-        elif tag == OWN_METADATA and way[-1] == GROUP:
-            name = given.get("name", "").lower()
-            self._doubt(f"the setting {short(name)} of an object")
-            if name.endswith(CURA_KINDS):
+        elif tag == METADATA and way[-1] == GROUP:
+            if (name := given.get("name", "").lower()).endswith(CURA_KINDS):
                 self.cura, self.said = short(name), ""
-        elif tag.rpartition(" ")[2] in READ_ANYHOW and (
-            tag.rpartition(" ")[0] != CORE or tag != MODEL
-        ):
+        elif way[-1] not in (MATERIALS, RESOURCES):
             self._doubt(f"the element {short(tag.rpartition(' ')[2])} where it has no meaning")
+        self._compare(tag, given)
         if self.rows and tag in (VERTICES, TRIANGLES):
             self._take_rows(tag)
         way.append(tag)
         if len(way) > DEEPEST:
             raise BadFile(f"{self.name}: its XML is nested more than {DEEPEST} deep")
+
+    def _compare(self, tag: str, given: dict[str, str]) -> None:
+        """Doubt an element or attribute that no build writes."""
+        own, name = OWN.get(tag), short(tag.rpartition(" ")[2])
+        if own is None:
+            self._doubt(f"the element {name}")
+        elif not given.keys() <= own:
+            more = min(given.keys() - own).rpartition(" ")[2]
+            self._doubt(f"the attribute {short(more)} of {name}")
+        if tag == METADATA and (word := given.get("name", "")) not in TITLES:
+            self._doubt(f"the setting {short(word)}")
+        if tag == OBJECT and given.get("type", "model") != "model":
+            self._doubt(f"an object of the type {short(given['type'])}")
 
     def _take_rows(self, tag: str) -> None:
         """Take the rows that were cut out behind this tag, if there were any."""
@@ -357,8 +376,6 @@ class _Reader:
             if (key := given.get("name", "")) in self.told:
                 raise BadFile(f"{self.name}: has the metadata {short(key)} twice")
             self.told.add(key)
-            if ":" in key:
-                self._doubt(f"the setting {short(key)}")
         elif tag == ITEM:
             self.model.items.append(self._read_placement(given, "a build item"))
 
