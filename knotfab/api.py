@@ -350,22 +350,15 @@ def validate_part(
 
     Raises:
         InputError: a file cannot be read, or there is no such unit.
+        MachineError: this machine cannot measure it.
     """
-    from knotfab.pipeline.strangers import plain_arrays
+    from knotfab.pipeline.strangers import validate_files
+    from knotfab.pipeline.verifier import files_to_validate
     from knotfab_validators.files.mesh import UNITS_MM
-    from knotfab_validators.validate import validate
 
     if unit not in UNITS_MM:
         raise InputError(
             f"unit={unit!r}", "there is no such unit", f"Give one of {', '.join(UNITS_MM)}."
         )
-    given = None if part is None else Path(part)
-    if given is not None and given.is_dir():
-        knots, scene = knots or given / "knots.json", scene or given / "scene.toml"
-        given = given / "part.stl"
-    try:
-        with plain_arrays(given) as read:
-            return validate(read, knots, scene, unit=unit).to_dict()
-    except ValueError as error:
-        name, _, reason = str(error).partition(": ")
-        raise InputError(name, reason.rstrip("."), "Correct that file, or name another.") from error
+    given = (None if path is None else Path(path) for path in (part, knots, scene))
+    return validate_files(files_to_validate(*given), unit=unit, keep=True).to_dict()

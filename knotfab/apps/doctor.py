@@ -31,6 +31,7 @@ LIBRARIES = (  # distribution, import name
     ("cadquery", "cadquery"),
     ("resvg-py", "resvg_py"),
     ("pillow", "PIL"),
+    ("uharfbuzz", "uharfbuzz"),
 )
 EXTRAS = (  # the extra, its use, import names
     ("studio", "the studio", ("starlette", "uvicorn", "websockets")),

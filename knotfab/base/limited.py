@@ -21,6 +21,7 @@ from typing import Any, NoReturn, TypeVar
 from knotfab.base.errors import keep_traceback
 from knotfab_formats.errors import InputError
 from knotfab_formats.libraries import add_parts, recording
+from knotfab_formats.limits import limit_process
 
 _T = TypeVar("_T")
 _SLOWER = 10  # wall-clock time over processor time, on a machine that is busy
@@ -145,7 +146,6 @@ def _packed(sent: tuple[Any, ...], error: Exception | None = None) -> bytes:
 
 def _limit(seconds: int, gigabytes: float) -> None:
     import ctypes
-    import resource
 
     with open(os.devnull, "wb") as nowhere:  # libraries talk, and print what they crash of
         os.dup2(nowhere.fileno(), 2)
@@ -155,15 +155,4 @@ def _limit(seconds: int, gigabytes: float) -> None:
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     ctypes.CDLL(None).prctl(1, int(signal.SIGKILL))  # it goes with its parent
-    with contextlib.suppress(OSError, ValueError):
-        with open("/proc/self/statm") as file:
-            held = int(file.read().split()[0]) * resource.getpagesize()
-        most = held + int(gigabytes * 2**30)
-        for kind, bound in (
-            (resource.RLIMIT_CPU, seconds),
-            (resource.RLIMIT_AS, most),
-            (resource.RLIMIT_CORE, 0),
-        ):
-            soft, hard = resource.getrlimit(kind)
-            held_to = [limit for limit in (soft, hard) if limit >= 0]
-            resource.setrlimit(kind, (min(bound, *held_to) if held_to else bound, hard))
+    limit_process(seconds, gigabytes)

@@ -13,6 +13,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.disk import read_file
+from knotfab.base.limited import run_limited
 from knotfab.geometry.polylines import Polylines
 from knotfab.geometry.tube import unit
 from knotfab.limits.terms import Felt, Limit, Limits, State
@@ -190,7 +191,8 @@ def region_mesh(file: str, center_mm: tuple[float, float, float]) -> RegionMesh:
     import igl
 
     what = f"the region's mesh {Path(file).name}"
-    vertices, number = np.unique(_read_corners(Path(file), what), axis=0, return_inverse=True)
+    corners = run_limited(lambda: _read_corners(Path(file), what), what, seconds=60, remedy=_REMEDY)
+    vertices, number = np.unique(corners, axis=0, return_inverse=True)
     faces = number.reshape(-1, 3).astype(np.int64)
     _require_closed(vertices, faces, what)
     vertices = np.ascontiguousarray(vertices + np.array(center_mm))

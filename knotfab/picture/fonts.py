@@ -10,7 +10,7 @@ import subprocess
 import unicodedata
 from collections.abc import Iterator
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from knotfab.base.disk import at_home, read_file
 from knotfab_formats.errors import InputError
@@ -53,6 +53,15 @@ def load_font(path: str) -> FT2Font:
     if font.num_charmaps and not font.get_charmap():  # symbols have no map of Unicode
         font.set_charmap(0)
     return font
+
+
+@cache
+def load_shaper(path: str) -> Any:
+    """Open a font for HarfBuzz; None if it does not read the file, as PostScript's or packed ones."""
+    import uharfbuzz
+
+    face = uharfbuzz.Face(uharfbuzz.Blob.from_file_path(path))
+    return uharfbuzz.Font(face) if face.glyph_count else None
 
 
 def glyph_code(path: str, character: str) -> int:

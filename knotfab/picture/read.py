@@ -203,7 +203,9 @@ def _read_target(
             Letter(k, sign, begin + left * (end - begin), 0.0, begin + right * (end - begin), 1.0)
             for k, (sign, left, right) in enumerate(text.find_letters(content, font))
         )
-        return replace(target, is_text=True, letters=letters, title=title_of(content.strip()))
+        notes = text.tell_other_fonts(content, font) + target.notes
+        named = {"title": title_of(content.strip()), "notes": notes}
+        return replace(target, is_text=True, letters=letters, **named)
     data, path = read_source(source, base)
     suffix = path.suffix.lower()
     name = plain_name(path.stem, "picture")

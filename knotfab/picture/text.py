@@ -6,7 +6,9 @@ import io
 import struct
 import unicodedata
 import zlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -21,12 +23,14 @@ from knotfab.picture.fonts import (
     glyph_code,
     is_coloured,
     load_font,
+    load_shaper,
     needs_shaping,
     supply_fonts,
 )
 from knotfab.picture.raster import MARGIN
 from knotfab.picture.svg.render import LONGER_SIDE, render
 from knotfab_formats.errors import InputError
+from knotfab_formats.libraries import took_part
 
 _Box = tuple[float, float, float, float]  # left, top, width, height
 
@@ -57,7 +61,7 @@ def outline_text(text: str, font: str | None = None) -> Outline:
     """Trace the glyph outlines of one line of text.
 
     Args:
-        text: characters in the order they are drawn, left to right, each by itself (not `needs_shaping`).
+        text: characters in the order they are drawn, left to right (not `needs_shaping`).
         font: a family's name or a font file; characters that it lacks come from other fonts.
 
     Raises:
@@ -66,45 +70,86 @@ def outline_text(text: str, font: str | None = None) -> Outline:
     what = _name(text)
     # Variation selectors and joiners choose between styles of a glyph; these fonts have one.
     drawn = [c for c in text if c not in f"{STYLES}\u200d"]
-    from matplotlib.ft2font import Kerning, LoadFlags
+    from matplotlib.ft2font import LoadFlags
 
     flags = LoadFlags.NO_HINTING | LoadFlags.NO_BITMAP
     fonts = supply_fonts(font)
-    used: dict[str, None] = {}
+    files = [find_font(character, fonts, what) for character in drawn]
     parts: list[str] = []
     corners: list[NDArray[np.float64]] = []
     letters: list[tuple[str, float, float]] = []
-    pen = 0.0
-    previous: tuple[str, Any] = ("", 0)
-    for character in drawn:
-        name = find_font(character, fonts, what)
+    for name, glyph, place, own in _lay_out(drawn, files):
         face = load_font(name)
-        used[name] = None
-        code = glyph_code(name, character)
-        index = face.get_char_index(code)
-        if previous[0] == name:
-            pen += face.get_kerning(previous[1], index, Kerning.UNFITTED) / 64.0
-        glyph = face.load_char(code, flags=flags)
+        face.load_glyph(glyph, flags=flags)
         vertices, codes = face.get_path()
-        if not len(vertices) and not character.isspace() and is_coloured(name):
+        if not len(vertices) and not own.isspace() and is_coloured(name):
             raise InputError(
                 what,
-                f"its {character} is drawn in colours, which are not read",
+                f"its {own} is drawn in colours, which are not read",
                 "Name a font of plain outlines.",
             )
         if len(vertices):
-            placed = np.asarray(vertices) * (1.0, -1.0) + (pen, 0.0)
+            placed = np.asarray(vertices) * (1.0, -1.0) + place
             corners.append(placed[np.asarray(codes) != 79])
-            letters.append((character, *np.quantile(corners[-1][:, 0], (0.0, 1.0)).tolist()))
+            low, high = np.quantile(corners[-1][:, 0], (0.0, 1.0)).tolist()
+            edges = np.linspace(low, high, len(own) + 1).tolist()  # of a ligature's letters
+            letters += zip(own, edges[:-1], edges[1:], strict=True)
             parts.append(_path_data(placed, codes))
-        pen += glyph.linearHoriAdvance / 65536.0
-        previous = (name, index)
     if not corners:
         raise _no_ink()
     ink = np.concatenate(corners)
     (left, top), (right, bottom) = ink.min(axis=0), ink.max(axis=0)
     bounds = (float(left), float(top), float(right), float(bottom))
-    return Outline(" ".join(parts), bounds, tuple(used), tuple(letters))
+    return Outline(" ".join(parts), bounds, tuple(dict.fromkeys(files)), tuple(letters))
+
+
+def _lay_out(
+    drawn: Sequence[str], files: Sequence[str]
+) -> Iterator[tuple[str, int, tuple[float, float], str]]:
+    """Yield the font file, number, place and characters of each glyph, as HarfBuzz kerns and joins them."""
+    import uharfbuzz
+
+    took_part("uharfbuzz", "placed the letters")
+    pen, at = 0.0, 0
+    for name, run in groupby(files):
+        own = drawn[at : (at := at + len(list(run)))]
+        codes = [glyph_code(name, character) for character in own]
+        shaper = load_shaper(name)
+        if shaper is None:
+            for code, character in zip(codes, own, strict=True):
+                glyph = load_font(name).get_char_index(code)
+                yield name, glyph, (pen, 0.0), character
+                pen += load_font(name).load_glyph(glyph).linearHoriAdvance / 65536.0
+            continue
+        buffer = uharfbuzz.Buffer()
+        buffer.add_codepoints(codes)
+        buffer.guess_segment_properties()
+        uharfbuzz.shape(shaper, buffer)
+        step = _EM / shaper.face.upem
+        begins = [info.cluster for info in buffer.glyph_infos] + [len(own)]
+        for info, place, end in zip(
+            buffer.glyph_infos, buffer.glyph_positions, begins[1:], strict=True
+        ):
+            offset = (pen + step * place.x_offset, -step * place.y_offset)
+            yield name, info.codepoint, offset, "".join(own[info.cluster : end])
+            pen += step * place.x_advance
+
+
+def tell_other_fonts(text: str, font: str | None) -> tuple[str, ...]:
+    """Say which characters of a text the font asked for lacks, and in which they are drawn instead."""
+    if font is None:
+        return ()
+    asked, *_ = fonts = supply_fonts(font)
+    lacking: dict[str, str] = {}
+    for character in dict.fromkeys(text):
+        if unicodedata.category(character) not in (*_UNDRAWN, "Zl") and character not in STYLES:
+            own = find_font(character, fonts, _name(text))
+            if own != asked:
+                lacking[own] = lacking.get(own, "") + character
+    return tuple(
+        f"{load_font(asked).family_name} has no {' '.join(some)}: drawn in {load_font(own).family_name}"
+        for own, some in lacking.items()
+    )
 
 
 def find_letters(text: str, font: str | None = None) -> tuple[tuple[str, float, float], ...]:

@@ -201,16 +201,17 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
         raise InputError(
             part.name, "its scene is not given, by which it is lit", "Name the scene.toml too."
         )
-    part, scene = files.part, files.scene
-    try:
-        setting, mesh = read_scene(scene), read_mesh(part)
+    own, lit_by = files.part, files.scene
+
+    def render() -> tuple[NDArray[Any], Any]:
+        setting, mesh = read_scene(lit_by), read_mesh(own)
         named = [v for v in setting.views if view_name in (None, v.name)]
         if not named:
             names = ", ".join(v.name for v in setting.views)
             raise InputError(
                 f"--view {view_name}", "the scene has no such view", f"It has: {names}"
             )
-        height, width = read_silhouette(scene.parent / named[0].picture).shape
+        height, width = read_silhouette(lit_by.parent / named[0].picture).shape
         pose = (
             np.eye(4) if setting.pose is None else np.asarray(setting.pose.matrix, dtype=np.float64)
         )
@@ -218,7 +219,11 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
         frame = working_frame(width, height)
         geometry = view_geometry(named[0], width, height).resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
-            seen = renderer.render(geometry)
+            return renderer.render(geometry), frame
+
+    try:
+        limits = {"seconds": SECONDS, "gigabytes": GIGABYTES, "verb": "rendering it"}
+        seen, frame = run_limited(render, own.name, remedy=REMEDY, **limits)
         write_shadow(out, seen, frame)
     except CannotRender as error:
         raise MachineError("rendering", error.reason, error.remedy) from error

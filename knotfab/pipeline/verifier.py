@@ -18,6 +18,7 @@ from knotfab.base.errors import MachineError, explain_error
 from knotfab.base.pool import Crash, Workers, count_jobs
 from knotfab.report.summary import rank_check
 from knotfab_formats.errors import InputError, KnotfabError, read_as, shown
+from knotfab_formats.limits import MEASURING
 from knotfab_formats.slicer_ini import PROFILE
 from knotfab_formats.verdict import Verdict
 
@@ -230,6 +231,9 @@ if hasattr(os, "register_at_fork"):  # a forked child must not use its parent's 
 def _crashed(crash: Crash) -> KnotfabError:
     if lacks := explain_error(RuntimeError(crash.said)):  # memory
         return lacks
+    if crash.code == -getattr(signal, "SIGXCPU", 0):
+        why = f"measuring it takes more than {MEASURING[0]} s on each core"
+        return InputError("the part", why, "Simplify it, or leave out checks (--skip NAME).")
     how = signal.Signals(-crash.code).name if crash.code < 0 else f"exit code {crash.code}"
     last = crash.said.rstrip(".")
     return MachineError(

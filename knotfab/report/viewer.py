@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Mask
+from knotfab.base.limited import run_limited
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh, face_normals, keep_faces
@@ -74,8 +75,11 @@ def read_viewer_data(folder: Path) -> Record:
     if (part := folder / f"part{suffixes[0]}.stl").is_file():
         from trimesh import load_mesh
 
-        mesh = load_mesh(part)
-        bodies = [(np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int32))]
+        def read() -> Mesh:
+            mesh = load_mesh(part)
+            return np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int32)
+
+        bodies = [run_limited(read, part.name, seconds=60, remedy="Build it anew.")]
     return viewer_data(scene, knots, bodies, masks, history=frames, history_label="frame")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 
@@ -9,9 +10,12 @@ import numpy as np
 import pytest
 
 from knotfab import InputError, validate_part
+from knotfab.pipeline import verifier
+from knotfab.pipeline.strangers import validate_files
+from knotfab.pipeline.verifier import Files
 from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.mesh import enclosed_volume
-from tests.corpus.files import cube_obj, cube_ply
+from tests.corpus.files import cube_obj, cube_ply, seeds
 from tests.corpus.judge import read_mesh
 
 
@@ -127,3 +131,23 @@ def test_binary_polygons_of_different_sizes_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_bytes(binary_ply(MIXED))  # k57
     with pytest.raises(BadFile, match="different numbers of corners"):
         read_mesh(tmp_path / "a.ply")
+
+
+@pytest.mark.slow
+def test_a_part_that_takes_too_much_to_measure_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The validators' own process is limited: by a part that asks for all the time, or all the memory."""
+    lines = ["import numpy", "from knotfab_formats import limits", "limits.MEASURING = {}", "{}"]
+    for limit, does, said in (
+        ("0, 12.0", "while True: pass", "measuring it takes more than"),
+        ("900, 0.5", "numpy.ones(2**30)", "a.stl: measuring it takes more than 0.5 GB"),
+    ):
+        (tmp_path / "a.stl").write_bytes(seeds()["cube.stl"])
+        monkeypatch.setattr(verifier, "_MODULE", "greedy")
+        source = "\n".join(lines).format(limit, f"def eat(*_):\n {does}")
+        source += "\nfrom knotfab_validators import service\nservice._read = eat\nanswer = service.answer\n"
+        (tmp_path / "greedy.py").write_text(source)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+        with pytest.raises(InputError, match=said):
+            validate_files(Files(tmp_path / "a.stl"))

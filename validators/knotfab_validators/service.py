@@ -6,8 +6,9 @@ all is loaded, and compiled loops are cached for other processes.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
 "unit": that of a part whose file knows none ("mm"), "piece": a unique name of these files, which
-are read once}. If two processes share a piece, each is asked for a half, "only": "geometry" or
-"shadows"; one is then asked to conclude from what both "found": [answer, answer]. Answer:
+are read once}. No more is spent on it than `limits.MEASURING`. If two processes share a piece, each is
+asked for a half, "only": "geometry" or "shadows"; one is then asked to conclude from what both "found":
+[answer, answer]. Answer:
 {"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture", "seconds"},
 or {"error": sentence} for bad files.
 """
@@ -16,11 +17,14 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import os
 from collections.abc import Iterator
 from functools import lru_cache
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from knotfab_formats.errors import plain, read_as
+from knotfab_formats.limits import MEASURING, limit_process
 from knotfab_formats.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -141,6 +145,8 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     from knotfab_validators.validate import Found, conclude_piece, measure_piece
 
     del told
+    seconds, gigabytes = MEASURING
+    limit_process(seconds * (os.cpu_count() or 1), gigabytes)
     part, knots, scene = (request[name] for name in ("part", "knots", "scene"))
     if part is None and knots is None:
         for _ in prepare("geometry", "layers", "shadows"):
@@ -154,4 +160,7 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
         verdict = conclude_piece(piece, found, request["failures"])
     except (BadFile, PictureError) as error:
         return {"error": str(error)}
+    except MemoryError:
+        named = PurePath(part or knots or scene).name
+        return {"error": f"{named}: measuring it takes more than {gigabytes:g} GB"}
     return dict(plain(verdict))
