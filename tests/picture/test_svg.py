@@ -425,3 +425,28 @@ def test_odd_values_end_in_a_drawing_or_a_sentence(tmp_path: Path, kind: str) ->
     target = read(tmp_path, page(ODD[kind] + SQUARE))
     assert target.mask.mean() == pytest.approx(0.36, abs=0.006)
     assert len(target.notes) < 10 and all("\n" not in note for note in target.notes)
+
+
+# a drawing, its page, and what is said of what lies beside it; none: nothing
+BESIDE: dict[str, tuple[str, str, str]] = {
+    "beside": (f'<g transform="translate(120 0)">{SQUARE}</g>', "", "everything that it draws lies outside its page"),
+    "on a second sheet": (
+        f'<g transform="translate(0 -110)">{SQUARE}</g>', "width='90mm'",
+        r"everything that it draws lies outside its page \(viewBox 0 0 100 100\). Resize the page",
+    ),
+    "half off": (f'<g transform="translate(50 0)">{SQUARE}</g>', "", "50% of what it draws lies outside"),
+    "on it": (SQUARE, "", ""),
+    "a sheet of paper": (f'<rect width="100%" height="100%" fill="white"/>{SQUARE}', "height='50mm'", ""),
+    "a corner off": ('<path d="M50 20H105V80H50Z"/>', "", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BESIDE)
+def test_what_lies_beside_the_page_is_told(tmp_path: Path, case: str) -> None:
+    body, attributes, said = BESIDE[case]
+    if said.startswith("every"):
+        with pytest.raises(InputError, match=said):
+            read(tmp_path, page(body, attributes))
+        return
+    notes = read(tmp_path, page(body, attributes)).notes
+    assert (said in notes[0]) if said else notes == ()

@@ -6,6 +6,7 @@ resvg runs in a child process with limits, so that no picture hangs or kills its
 from __future__ import annotations
 
 import importlib.util
+import io
 import json
 import re
 import signal
@@ -16,6 +17,9 @@ import unicodedata
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
+
+import numpy as np
+from PIL import Image
 
 from knotfab.base.pool import tie
 from knotfab.picture.fonts import find_family, find_font, supplied_folder, supply_fonts
@@ -31,6 +35,10 @@ LONGER_SIDE = 2048  # px of the drawn picture
 UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
 
 _MOST_NOTES = 8  # notes of the renderer that are passed on
+_GLANCE_PX, _BESIDE = (
+    384,
+    0.2,
+)  # of a drawing with a page on each side; share beside it that is told
 _NESTED = 3  # depth of drawings embedded in each other
 _FONTS = {
     "font_family": "DejaVu Sans",
@@ -79,10 +87,36 @@ def _render(data: bytes, what: str, notes: Notes, nested: int) -> bytes:
     check_drawing(root, what, notes, draw)
     set_pixel_size(root, LARGEST_SIDE, what)
     files = _fonts_of_text(root, what, notes)
+    if nested == _NESTED:
+        _tell_beside(root, what, notes, files)
     # Rendered from the tree that was checked: no second parser sees the original bytes.
     return render(
         tostring(root, encoding="unicode"), what, files=files, background=page_colour(root)
     )
+
+
+def _tell_beside(root: Element, what: str, notes: Notes, files: tuple[str, ...] | None) -> None:
+    """Note how much of a drawing lies beside its page, up to a page away; refuse it if all of it does."""
+    width, height = (int(root.get(side, "0")) for side in ("width", "height"))
+    if not (root.get("viewBox") and width and height):
+        return
+    whole = Element(root.tag, {"viewBox": f"{-width} {-height} {3 * width} {3 * height}"})
+    page = Element(root.tag, {**root.attrib, "x": "0", "y": "0", "overflow": "visible"})
+    page.extend(list(root))
+    whole.append(page)
+    options = {"width": _GLANCE_PX, "height": _GLANCE_PX, "dpi": CSS_DPI, **_fonts_of(files or ())}
+    png = draw_svg(tostring(whole, encoding="unicode"), what, **options)
+    with Image.open(io.BytesIO(png)) as image:
+        drawn = np.asarray(image.getchannel("A")) > 0
+    rows, columns = (slice(side // 3, side - side // 3) for side in drawn.shape)
+    inside, every = int(drawn[rows, columns].sum()), int(drawn.sum())
+    where = f"outside its page (viewBox {root.get('viewBox')})"
+    if every and not inside:
+        raise InputError(
+            what, f"everything that it draws lies {where}", "Resize the page to its content."
+        )
+    if inside < (1 - _BESIDE) * every:
+        notes.setdefault(f"{1 - inside / every:.0%} of what it draws lies {where}", None)
 
 
 def _sides_px(png: bytes) -> tuple[int, int]:
