@@ -429,7 +429,7 @@ def test_odd_values_end_in_a_drawing_or_a_sentence(tmp_path: Path, kind: str) ->
 
 # a drawing, its page, and what is said of what lies beside it; none: nothing
 BESIDE: dict[str, tuple[str, str, str]] = {
-    "beside": (f'<g transform="translate(120 0)">{SQUARE}</g>', "", "everything that it draws lies outside its page"),
+    "beside": (f'<g transform="translate(120 0)">{SQUARE}</g>', "", "everything that it draws lies outside"),
     "on a second sheet": (
         f'<g transform="translate(0 -110)">{SQUARE}</g>', "width='90mm'",
         r"everything that it draws lies outside its page \(viewBox 0 0 100 100\). Resize the page",
