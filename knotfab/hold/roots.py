@@ -82,7 +82,7 @@ def lay_roots(
             "Use --plate rounded",
         )
     beside = shapely.distance(dark.boundary, shapely.points(points[pairs].mean(axis=1)))
-    widths = np.clip(2 * beside, 2 * CORE_MM, width_mm)
+    widths = np.clip(np.nan_to_num(2 * beside), 2 * CORE_MM, width_mm)  # no shadow: not a number
     return Roots(sheet, holes, points, pairs, widths)
 
 
@@ -91,6 +91,8 @@ def suits_roots(target: Mask, mm_per_px: float) -> bool:
     import shapely
 
     dark = shapely.affinity.scale(trace_polygon(target), mm_per_px, mm_per_px, origin=(0, 0))
+    if dark.is_empty:  # a pixel or two
+        return False
     x0, y0, x1, y1 = dark.bounds
     x, y = np.meshgrid(np.arange(x0, x1, 3 * _CELL_MM), np.arange(y0, y1, 3 * _CELL_MM))
     within = shapely.contains_xy(dark, x, y)
@@ -120,7 +122,9 @@ def _place_holes(dark: Geometry, prints: Geometry, hole_mm: float) -> Array:
     x0, y0, x1, y1 = room.bounds
     x, y = np.meshgrid(np.arange(x0, x1, 2 * _CELL_MM), np.arange(y0, y1, 2 * _CELL_MM))
     inside = shapely.contains_xy(room, x, y)
-    spots = np.column_stack([x[inside], y[inside]])
+    # of each row its ends alone can be far apart
+    ends = [row[at][[0, -1]] for row, at in zip(x, inside, strict=True) if at.any()]
+    spots = np.column_stack([np.ravel(ends), np.repeat(y[inside.any(axis=1), 0], 2)])
     if not len(spots):
         return spots
     # level and far apart, rather above than below the middle

@@ -61,22 +61,45 @@ def test_one_sheet_in_the_dark_holds_every_foot_and_both_pads(
     assert joined.buffer(1e-6).geom_type == "Polygon"
 
 
-@pytest.mark.parametrize("size", [3.0, 12.0])
-def test_a_single_foot_in_a_dot_is_a_pad(size: float) -> None:
-    dark, foot = shapely.Point(5, 5).buffer(size), np.array([[5.0, 5.0]])
-    found = lay_roots(dark, foot, covers(foot), HOLE_MM, WIDE_MM, MOST_MM2)
-    assert found.sheet.covers(covers(foot).buffer(-0.1))
-    assert found.sheet.area < dark.area
+def box(x0: float, y0: float, x1: float, y1: float) -> Geometry:
+    return shapely.box(x0, y0, x1, y1)
 
 
-def test_feet_that_touch_are_joined_and_no_strip_crosses_the_light() -> None:
-    feet = np.array([[-30.0, 20.0], [-30.2, 20.0], [30.0, 20.0]])
-    found = lay_roots(HALVES, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2)
-    assert found.sheet.contains(shapely.MultiPoint(feet))
-    feet = feet[[0, 2]]
-    with pytest.raises(NoWayError, match="no shadow leads") as refused:
-        lay_roots(APART, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2)
-    assert "--plate rounded" in refused.value.remedy
+HARD: dict[
+    str, tuple[Geometry, list[list[float]], int | None]
+] = {  # the shadow, its feet (a few all over it, or these), and the screws that fit
+    "dot": (shapely.Point(5, 5).buffer(3), [[5, 5]], 0),
+    "dot under its foot": (shapely.Point(5, 5).buffer(0.5), [[5, 5]], 0),
+    "disc on one foot": (shapely.Point(5, 5).buffer(12), [[5, 5]], 2),
+    "line thinner than a strip": (box(-60, -1.3, 60, 1.3), [[-50, 0], [50, 0]], 0),
+    "line thinner than it may be": (box(-60, -0.6, 60, 0.6), [[-50, 0], [50, 0]], None),
+    "feet that touch": (HALVES, [[-30, 20], [-30.2, 20], [30, 20]], 2),
+    "feet in one place": (DISC, [[0, 0], [0, 0], [30, 0]], 2),
+    "a hair apart": (box(-50, 0, -0.01, 40).union(box(0.01, 0, 50, 40)), [], 2),
+    "corner to corner": (box(-30, -30, 0, 0).union(box(0, 0, 30, 30)), [[-15, -15], [15, 15]], 0),
+    "as large as beds are": (shapely.Point(0, 0).buffer(200), [[-90, 0], [0, 90], [90, 0]], 2),
+    "no shadow": (shapely.Polygon(), [[0, 0], [0.3, 0]], 0),
+    "no way": (APART, [[-30, 20], [30, 20]], None),
+    "strokes as thin as hairs": (box(-60, -0.01, 60, 0.01), [[-50, 0], [50, 0]], None),
+}
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("name", HARD)
+def test_hard_shadows_have_finite_roots_or_one_sentence(name: str, mirrored: bool) -> None:
+    dark, places, screws = HARD[name]
+    feet = np.array(places, dtype=float) if places else spread(dark)
+    if mirrored:
+        dark, feet = shapely.affinity.scale(dark, -1, 1, origin=(0, 0)), feet * [-1.0, 1.0]
+    if screws is None:
+        with pytest.raises(NoWayError, match="no shadow leads") as refused:
+            lay_roots(dark, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2)
+        assert "--plate rounded" in refused.value.remedy
+        return
+    found = lay_roots(dark, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2)
+    assert found.sheet.is_valid and found.sheet.buffer(0.1).contains(covers(feet))
+    assert np.isfinite(found.widths).all() and np.isfinite(found.points).all()
+    assert len(found.holes) == screws  # without any, tape holds it
 
 
 def draw(dark: Geometry) -> NDArray[np.bool_]:
@@ -86,7 +109,13 @@ def draw(dark: Geometry) -> NDArray[np.bool_]:
 
 @pytest.mark.parametrize(
     ("dark", "suits"),
-    [(DISC, True), (STROKE, False), (APART, False), (RING.difference(STROKE), False)],
+    [
+        (DISC, True),
+        (STROKE, False),
+        (APART, False),
+        (RING.difference(STROKE), False),
+        (shapely.Point(0, 0).buffer(0.1), False),
+    ],
 )
 def test_roots_that_would_tell_the_picture_do_not_suit_it(dark: Geometry, suits: bool) -> None:
     assert suits_roots(draw(dark), 1.0) is suits
