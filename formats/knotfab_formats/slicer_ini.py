@@ -10,6 +10,7 @@ PROFILE = "slicer.ini"
 STYLES = "organic", "snug"  # of supports: branches, where the slicer can grow them
 INFILL_PERCENT = 15  # share of the inner space
 BRIM_MM = 3.0
+RETRACT_MM, LIFT_MM = 0.8, 0.2  # of filament drawn back, and of the nozzle's lift, before a travel
 SUPPORT_LINE_NOZZLES = 0.9
 SPACING_MM = 4.0  # between the lines of supports
 ROOF_LAYERS = 2
@@ -41,8 +42,22 @@ def change_above(layers: int) -> str:
     return f"G92 E0\\n{{if layer_num == {layers}}}M600{{endif}}"
 
 
+def count_walls(printer: Printer, tube_radius_mm: float | None) -> int:
+    """Return how many loops fill a tube of this radius, the printer's thinnest if it is open.
+
+    Nothing is left for infill or gaps, which would each begin anew: a leg takes one start a layer.
+    """
+    radius = tube_radius_mm or printer.min_tube_radius_mm
+    return max(2, ceil(radius / line_width_mm(printer.nozzle_mm)) + 1)
+
+
 def imply_settings(
-    printer: Printer, material: Material, mount: Mount, alone: bool, style: str
+    printer: Printer,
+    material: Material,
+    mount: Mount,
+    tube_radius_mm: float | None,
+    alone: bool,
+    style: str,
 ) -> dict[str, str]:
     """Return PrusaSlicer's settings for a print of this scene, by their names in its .ini files.
 
@@ -77,7 +92,7 @@ def imply_settings(
         "first_layer_height": f"{layer:g}",
         "extrusion_width": f"{width:g}",
         "first_layer_extrusion_width": f"{width:g}",
-        "perimeters": 2,
+        "perimeters": count_walls(printer, tube_radius_mm),
         "fill_density": f"{INFILL_PERCENT}%",
         "skirts": 0,
         "brim_type": "outer_only" if brim else "no_brim",
@@ -94,6 +109,14 @@ def imply_settings(
         "support_material_bottom_interface_layers": 0,
         # A first layer over supports as thick as any other: thick bridges leave a layer more of air.
         "thick_bridges": 0,
+        "gap_fill_enabled": 0,
+        # Beside free legs: the nozzle wipes and is lifted before it leaves one, begins the next where it
+        # is nearest, and stays within the legs where it can.
+        "wipe": 1,
+        "retract_length": RETRACT_MM,
+        "retract_lift": LIFT_MM,
+        "seam_position": "nearest",
+        "avoid_crossing_perimeters": 1,
         # Without the variable widths of Arachne it slices in half the time, to the same amount of
         # filament: a tube is several lines thick everywhere.
         "perimeter_generator": "classic",
@@ -102,7 +125,7 @@ def imply_settings(
         "gcode_resolution": 0.05,
         "perimeter_speed": 60,
         "external_perimeter_speed": 40,
-        "small_perimeter_speed": 30,
+        "small_perimeter_speed": 40,
         "infill_speed": 80,
         "solid_infill_speed": 60,
         "top_solid_infill_speed": 40,

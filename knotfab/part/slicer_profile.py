@@ -35,8 +35,8 @@ def line_width(scene: ResolvedScene) -> float:
 
 def profile(scene: ResolvedScene, program: str | None = None) -> dict[str, str]:
     """Return the settings for a print of this scene, with supports that the `program` can grow."""
-    asked = scene.printer, scene.material, scene.mount, scene.piece.supports == "none"
-    return imply_settings(*asked, _support_style(program))
+    asked = scene.printer, scene.material, scene.mount, scene.piece.tube_radius_mm
+    return imply_settings(*asked, scene.piece.supports == "none", _support_style(program))
 
 
 def _support_style(program: str | None) -> str:

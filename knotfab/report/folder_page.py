@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from knotfab.base.errors import why_of
+from knotfab.part.slicer_profile import read_profile
 from knotfab.report.for_maker import draw_setup, list_files
 from knotfab.report.page import render_html
 from knotfab.report.pictures import find_pictures
@@ -12,6 +13,7 @@ from knotfab.report.viewer import read_viewer_data
 from knotfab_formats.disk import write_whole
 from knotfab_formats.errors import InputError, spelled
 from knotfab_formats.report import read_report
+from knotfab_formats.slicer_ini import PROFILE
 
 
 def write_page(folder: Path) -> Path:
@@ -34,6 +36,7 @@ def write_page(folder: Path) -> Path:
         shown=shown,
         drawings=draw_setup(folder),
         files=list_files([path.name for path in folder.iterdir()]),
+        profile=read_profile(folder) if (folder / PROFILE).is_file() else None,
     )
     path = folder / "report.html"
     write_whole(path, spelled(page).encode())

@@ -110,6 +110,7 @@ def render_html(
     shown: Mapping[str, Any] | None = None,
     drawings: Sequence[str] = (),
     files: Sequence[tuple[str, str]] = (),
+    profile: Mapping[str, str] | None = None,
 ) -> str:
     """Render the page for `report`.
 
@@ -120,6 +121,7 @@ def render_html(
         shown: the viewer's data; None: the page has no script at all.
         drawings: how to set the piece up, data URIs, two at most.
         files: beside the page, each with what it is for.
+        profile: the settings of slicer.ini.
     """
     script = VIEWER.read_text(encoding="utf-8") if shown is not None else ""
     return load_template().render(
@@ -130,6 +132,7 @@ def render_html(
         stages=[(k, v) for k, v in report.timings.items() if k != "total"],
         drawings=drawings,
         files=files,
+        profile=profile or {},
         shown=None if shown is None else Markup(encode_for_script(shown)),
         script=Markup(script),
         digest=hash_script(script),

@@ -18,6 +18,7 @@ _WAYS = {
     "slicer": ("--supports slicer", ", supports included and no holder"),
     "none": ("--supports none", ""),
 }
+_STRINGS = 15.0  # starts a layer from which on strings are to be expected
 _PRESSING = ("fail", "warn", "do", "info")
 
 
@@ -165,7 +166,7 @@ def _list_printing(report: Report) -> Iterator[Row]:
         said = f"Its {mount.pegs} pegs go into holes drilled in the wall."
         yield Row(name="holes", value=mount.pegs, status="do", text=said)
     supports = piece.supports
-    if supports is None:
+    if supports is None or report.status != "pass":
         return
     said = "Print it as it lies, "
     said += "supports off" if supports.way == "none" else f"with supports: {supports.why}"
@@ -175,6 +176,19 @@ def _list_printing(report: Report) -> Iterator[Row]:
         said += f"; its {bars.count} threads, up to {bars.longest_mm:.1f} mm long, lie in the shadow, and "
         said += "whoever likes takes them off"
     yield Row(name="supports", value=supports.way, status="do", text=f"{said}.")
+    sliced = report.slicer
+    if sliced is not None and sliced.retractions and (sliced.starts_per_layer or 0.0) >= _STRINGS:
+        times = f"{sliced.retractions:,}".replace(",", "\u202f")
+        said = f"The nozzle leaves a leg {times} times, {sliced.starts_per_layer:.0f} "
+        said += "a layer: dry the filament, and blow off strings with warm air."
+        yield Row(
+            name="strings",
+            value=sliced.retractions,
+            unit="retractions",
+            limit=_STRINGS,
+            status="do",
+            text=said,
+        )
     if len(supports.ways) > 1:
         taken, other = supports.ways[:2]
         remedy, words = _WAYS[other.way]

@@ -20,6 +20,11 @@ OFF = {
 SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60.0, "other": None}
 
 
+STRINGS = {
+    "retractions": 21121, "starts_per_layer": 68.9, "warnings": [], "checks": [], "proven": [],
+}  # fmt: skip
+
+
 def view(iou: float, share: float = 0.1, of: str = "whole", **more: Any) -> dict[str, Any]:
     worst = {
         "share": share,
@@ -66,6 +71,8 @@ TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
     ({"print": {"mount": {"kind": "wall", "foot": "dowel", "pegs": 5}}}, "holes", {"text": "Its 5 pegs"}),
     ({"print": {"supports": SUPPORTS, "bars": {"count": 3, "grams": 1.0, "longest_mm": 8.3}}}, "supports",
      {"status": "do", "text": "supports off; its 3 threads, up to 8.3 mm long, lie in the shadow"}),
+    ({"print": {"supports": SUPPORTS}, "slicer": STRINGS}, "strings",
+     {"status": "do", "text": "21\u202f121 times, 69 a layer: dry the filament"}),
     ({"print": {"supports": {**SUPPORTS, "way": "slicer", "why": "legs failed"}}}, "supports",
      {"text": "with supports: legs failed."}),
     ({"checks": [check_of("shadow", "fail", detail="it is not the picture").__dict__]}, "shadow",
@@ -86,9 +93,9 @@ def test_a_row_holds(sections: dict[str, Any], name: str, held: dict[str, Any]) 
 
 def test_what_presses_stands_first() -> None:
     failed = [check_of("shadow", "fail").__dict__]
-    found = list_rows(
-        report_with(checks=failed, warnings=["unsure"], notes=["n"], print={"supports": SUPPORTS})
-    )
+    dowels = {"supports": SUPPORTS, "mount": {"kind": "wall", "foot": "dowel", "pegs": 5}}
+    found = list_rows(report_with(checks=failed, warnings=["unsure"], notes=["n"], print=dowels))
+    assert "supports" not in {row.name for row in found}  # nobody prints what failed
     ranks = [("fail", "warn", "do", "info").index(row.status) for row in found]
     assert ranks == sorted(ranks) and {0, 1, 2, 3} == set(ranks)
 

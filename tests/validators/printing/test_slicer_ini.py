@@ -16,6 +16,7 @@ SCENES: dict[str, dict[str, object]] = {
     "bare": {},
     "without supports": {"piece": {"supports": "none"}},
     "in a plate": {"mount": {"kind": "wall", "plate": "full"}},
+    "a thick tube": {"piece": {"tube_radius_mm": 3.0, "supports": "none"}},
     "another printer": {"printer": {"name": "prusa-mini"}, "material": {"name": "petg"}},
     "shrinking": {
         "material": {"shrinkage_percent": 2.0},
@@ -25,6 +26,11 @@ SCENES: dict[str, dict[str, object]] = {
 CHANGE = "before_layer_gcode = G92 E0\\n{if layer_num == 8}M600{endif}"
 # an edit of the file: what is replaced, by what, and what is said
 EDITS = {
+    "strings": (
+        "gap_fill_enabled = 0",
+        "gap_fill_enabled = 1",
+        "gap_fill_enabled is 1, and by the scene 0",
+    ),
     "script": (
         "post_process = ",
         "post_process = evil.sh",
@@ -48,9 +54,9 @@ EDITS = {
         "thumbnails = \nraft_layers = 3",
         "raft_layers = 3 is none of",
     ),
-    "twice": ("perimeters = 2", "perimeters = 2\nperimeters = 2", "perimeters = 2 is none of"),
-    "no key": ("perimeters = 2", "", "perimeters is missing"),
-    "no setting": ("perimeters = 2", "perimeters = 2\n[other]", "[other] is none of"),
+    "twice": ("perimeters = 3", "perimeters = 3\nperimeters = 3", "perimeters = 3 is none of"),
+    "no key": ("perimeters = 3", "", "perimeters is missing"),
+    "no setting": ("perimeters = 3", "perimeters = 3\n[other]", "[other] is none of"),
 }
 
 
@@ -87,3 +93,13 @@ def test_each_setting_that_differs_is_told(case: str, tmp_path: Path) -> None:
     file.write_text("\n".join(new if line == old else line for line in lines))
     found = check_slicer_ini(scene, tmp_path, own=True)  # type: ignore[arg-type]
     assert found.status == "fail" and found.required and said in found.detail, found.detail
+
+
+def test_loops_fill_a_tube_so_that_nothing_else_begins_in_it(tmp_path: Path) -> None:
+    for radius, nozzle in ((3.0, 0.4), (1.66, 0.4), (3.0, 0.6)):
+        printer = {"nozzle_mm": nozzle, "min_tube_radius_mm": 0.8}
+        _, file = write(tmp_path, piece={"tube_radius_mm": radius}, printer=printer)
+        loops = int(
+            next(line for line in file.read_text().splitlines() if "perimeters = " in line)[-1]
+        )
+        assert radius <= loops * 1.125 * nozzle < radius + 2.25 * nozzle

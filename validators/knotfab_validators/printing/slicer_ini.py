@@ -32,8 +32,14 @@ def check_slicer_ini(scene: Scene, folder: Path, own: bool) -> Check:
         return skip_check(NAME, f"there is no {PROFILE} of this part")
     if scene.printer.stated("build_volume_mm") is None:
         return skip_check(NAME, "the scene names a printer without its figures")
-    alone = scene.piece.supports == "none"
-    asked = scene.printer, scene.material, scene.mount, alone
+    piece = scene.piece
+    asked = (
+        scene.printer,
+        scene.material,
+        scene.mount,
+        piece.tube_radius_mm,
+        piece.supports == "none",
+    )
     wanted = {key: {value} for key, value in imply_settings(*asked, STYLES[0]).items()}
     wanted["support_material_style"] = set(STYLES)
     if scene.mount.on_feet:
