@@ -103,8 +103,9 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
     yield (
         "# Ten pieces worth hanging\n\n"
         "`make gallery` builds them and draws this page: shadows of the written files, then the piece from\n"
-        "its lights and about the vertical. Those of one picture stand in roots, and print\n"
-        "with supports off; two pictures fix every depth, so the pair takes supports. Hours and grams are\n"
+        "its lights, about the vertical, from the door and from where it tells most (told, 0 to 1, of its\n"
+        "picture). Those of one picture stand in roots, and print with supports off;\n"
+        "two pictures fix every depth, so the pair takes supports. Hours and grams are\n"
         "PrusaSlicer's for the default printer (Prusa MK4, PLA). Glyphs are those of DejaVu Sans; the other\n"
         "pictures are drawn by `examples/pictures.py`, which writes them as files:\n"
         "`python examples/pictures.py FOLDER`.\n"
@@ -119,7 +120,7 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
         report = json.loads((folder / "report.json").read_text("utf-8"))
         name = f"{piece.name}.webp"
         _draw(folder, report).save(pictures_to / name, quality=80, method=6)
-        alt = f"{piece.title}: its shadow, and the piece from four sides"
+        alt = f"{piece.title}: its shadow, and the piece from six sides"
         yield f"\n## {piece.title}\n\n![{alt}](gallery/{name})\n\n"
         yield f"`{call}`: {_facts(report, folder / SLICED)}.\n"
 
@@ -130,6 +131,8 @@ def _facts(report: dict[str, Any], sliced: Path) -> str:
     size = " × ".join(f"{s:.0f}" for s in made["bounding_box_mm"])
     knots = len(report["knots"])
     told = [f"{alike} alike", f"{size} mm", f"{knots} knot{'s' * (knots > 1)}"]
+    seen = max((v["told"]["worst"]["share"] for v in views if v.get("told")), default=None)
+    told += [] if seen is None else [f"told {seen:.2f}"]
     if sliced.is_file():
         figures = json.loads(sliced.read_text("utf-8"))
         told.append(f"{figures['hours']:.1f} h, {figures['grams']:.0f} g")
@@ -144,8 +147,11 @@ def _draw(folder: Path, report: dict[str, Any]) -> Image.Image:
         path = soft if soft.is_file() else folder / f"shadow-{view['name']}.png"
         wall = ImageOps.colorize(Image.open(path).convert("L"), SHADOW, PAPER)
         row.append(ImageOps.pad(wall, (HEIGHT, HEIGHT), color=PAPER))
-    part = Image.open(folder / "part.png").convert("RGB")
-    row.append(part.resize((round(part.width * HEIGHT / part.height), HEIGHT)))
+    # from the lamp and aside, then unlit: from the door, and from where it tells most
+    for name in ("part.png", "unlit.png"):
+        if (folder / name).is_file():
+            part = Image.open(folder / name).convert("RGB")
+            row.append(part.resize((round(part.width * HEIGHT / part.height), HEIGHT)))
     sheet = Image.new("RGB", (sum(p.width for p in row), HEIGHT), PAPER)
     left = 0
     for one in row:
