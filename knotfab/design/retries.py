@@ -15,7 +15,6 @@ import shapely
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.legs import Leg, find_legs, peaks_of, plan_bars
-from knotfab.geometry.polylines import arc_lengths
 from knotfab.plan import Search, Steps
 from knotfab.problem import Problem, SearchResult, Start, TargetView
 from knotfab.search.upright import FLANK_DEG
@@ -316,10 +315,9 @@ def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -
 
     def place(leg: Leg, end: int) -> int:
         """Find the vertex of the start that has become an end of a leg, 0 in the valley or -1 on the peak."""
-        then, now = found[leg.curve], begun[leg.curve]
-        vertex = int(np.linalg.norm(then - leg.points[end], axis=1).argmin())
-        before, after = arc_lengths(then), arc_lengths(now)
-        return int(np.abs(after[:-1] / after[-1] - before[vertex] / before[-1]).argmin())
+        # a search keeps the places in the picture, but lengthens some stretches more than others
+        flat = lower(begun[leg.curve], light) - lower(leg.points[[end]], light)
+        return int(np.linalg.norm(flat, axis=1).argmin())
 
     changed = set[tuple[int, int]]()
 

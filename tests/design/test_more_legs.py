@@ -32,12 +32,19 @@ def ring(arches: int, height: float, around: float = 30.0) -> Array:
     return np.column_stack([flat * (1.0 - z / LIGHT)[:, None], z])
 
 
-def ask(curve: Array, *, arched: bool = True, types: tuple[str, ...] = ("unknot",)) -> Start | None:
+def ask(
+    curve: Array,
+    *,
+    begun: Array | None = None,
+    arched: bool = True,
+    types: tuple[str, ...] = ("unknot",),
+) -> Start | None:
     view = SimpleNamespace(light_distance_mm=LIGHT)
     target = SimpleNamespace(view=view, axes=np.eye(3), polygon=Point(0, 0).buffer(150))
     problem: Any = SimpleNamespace(arched=arched, views=(target,), young_modulus_mpa=PLA)
     result: Any = SimpleNamespace(knots=SimpleNamespace(knots=[Knot(curve)], radius_mm=RADIUS))
-    return start_with_more_legs(problem, result, Start((curve,), "a circle", types))
+    start = Start((curve if begun is None else begun,), "a circle", types)
+    return start_with_more_legs(problem, result, start)
 
 
 def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:
@@ -51,6 +58,21 @@ def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:
     assert len(find_legs([after])) == 2 * len(find_legs([before]))
     slope = [np.abs(np.diff(c[:, 2])).max() for c in (before, after)]
     assert slope[1] == pytest.approx(slope[0], rel=0.02)
+
+
+def test_the_arch_that_sways_is_halved_however_the_search_lengthened_others() -> None:
+    begun = ring(4, 80.0)
+    low = np.r_[0:400, 600:800]  # the third arch alone is tall
+    flat = lower(begun, LIGHT)
+    begun[low, 2] = -40.0 + 0.25 * (begun[low, 2] + 40.0)
+    begun[:, :2] = flat * (1.0 - begun[:, 2:] / LIGHT)
+    found = begun.copy()
+    found[220:380, 2] += 10.0 * np.abs(np.sin(np.arange(160) * np.pi / 4))  # wound up and down
+    start = ask(found, begun=begun)
+    assert start is not None
+    after = start.curves[0]
+    np.testing.assert_allclose(lower(after, LIGHT), flat, atol=1e-9)
+    assert after[400:600, 2].max() == pytest.approx(0.0, abs=1.0)
 
 
 def test_halving_goes_on_until_no_leg_lacks_a_neighbour() -> None:
