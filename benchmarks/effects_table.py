@@ -28,7 +28,7 @@ from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.views import Placing
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.picture import read_silhouette
+from knotfab_validators.files.picture import read_mask
 from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.mesh import move_points
 from knotfab_validators.shadows.compare import overlap
@@ -217,7 +217,7 @@ def print_traced(folder: Path, px: int, samples: int) -> None:
     """Print the IoU at half light and brightness of a built part, ours and Mitsuba's."""
     setting, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
     view = setting.views[0]
-    picture = read_silhouette(folder / view.picture, view)
+    picture = read_mask(folder / view.picture)
     frame = working_frame(picture.shape[1], picture.shape[0], px)
     seen = view_geometry(view, picture.shape[1], picture.shape[0]).resample(frame)
     target = padded_mask(picture, frame)

@@ -23,7 +23,7 @@ from PIL import Image
 from benchmarks.measurement import run_study
 from knotfab_formats.views import View
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.picture import read_colours, read_silhouette
+from knotfab_validators.files.picture import read_colours, read_mask
 from knotfab_validators.files.scene import Scene, read_scene
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
@@ -183,7 +183,7 @@ def trace_build(folder: Path, px: int, samples: int, grey: float) -> Image.Image
     scene, mesh = read_scene(folder / "scene.toml"), read_mesh(folder / "part.stl")
     pose = np.eye(4) if scene.pose is None else np.asarray(scene.pose.matrix)
     vertices = move_points(scene.material.shrinks_to * mesh.vertices, pose)
-    masks = [read_silhouette(folder / view.picture, view) for view in scene.views]
+    masks = [read_mask(folder / view.picture) for view in scene.views]
     height, width = masks[0].shape
     frame = working_frame(width, height, px)
     size = frame.width, frame.height

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from math import hypot
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, Strict, StrictStr, field_validator
 from pydantic_core import PydanticCustomError
@@ -45,6 +45,9 @@ ViewName = Annotated[
 ]
 Colour = Annotated[float, Strict(), Field(ge=0, le=1)]
 Switch = Auto | Annotated[bool, Word("on", True)] | Annotated[bool, Word("off", False)]
+# a PNG's text that says that it is the mask of a silhouette, one bit a pixel, black where the shape is
+MASK_MARK = ("knotfab", "silhouette")
+_SIGNED = "tEXt{}\0{}".format(*MASK_MARK).encode()
 # keys that views on one wall share
 OF_WALL = (
     *("azimuth_deg", "elevation_deg", "wall_distance_mm", "wall_tilt_deg"),
@@ -78,6 +81,11 @@ class Reading(Table):
     smooth_px: Annotated[float, Strict(), Field(ge=0, le=100)] = option(0.0, "Picture --smooth")
     """Blur the picture by this many px and threshold it at half before it is drawn; the shadow is
     still compared with the picture itself."""
+
+
+def is_mask(data: bytes) -> bool:
+    """Return whether a file is a silhouette's mask as a build writes it: a marked PNG of one bit a pixel."""
+    return data.startswith(b"\x89PNG") and data[24:26] == b"\x01\0" and _SIGNED in data[:1000]
 
 
 class View(Reading):
@@ -165,6 +173,10 @@ class View(Reading):
                 "15 rows of 11 pairs of whole numbers of up to four digits, as a build writes them",
             )
         return rows or None
+
+    def as_written(self) -> Self:
+        """Return the view as a build writes it: of its picture, once read, only smoothing is left to do."""
+        return self.but(**{**dict(Reading()), "smooth_px": self.smooth_px})
 
     @property
     def drawn_picture(self) -> str:

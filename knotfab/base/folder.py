@@ -38,7 +38,7 @@ _OWN = re.compile(
     r"|region\.stl|start\.json|bends(-[\w-]+)?\.\w+|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)|table-\d+\.3mf|colours\.png"
     r"|centre-lines(-\d+)?\.(svg|dxf|step)|shadow-[^./\\:\0-\x1f]+\.svg"
-    r"|(shadow|compare|soft|drawn|subject)-[^./\\:\0-\x1f]+\.png|picture-[^./\\:\0-\x1f]+\.\w+"
+    r"|(shadow|compare|soft|drawn|subject)-[^./\\:\0-\x1f]+\.png|(picture|given)-[^./\\:\0-\x1f]+\.\w+"
 )
 
 

@@ -32,7 +32,7 @@ from knotfab.picture.bending import (
     read_points,
     write_points,
 )
-from knotfab.picture.read import Target
+from knotfab.picture.read import Change, Target
 from knotfab.scene.camera import cameras_of, find_aligned, walls_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
@@ -152,11 +152,9 @@ def apply_bending(view: View, target: Target) -> Target:
     return replace(
         target,
         mask=drawn,
-        original=target.asked,
-        widened=judged,
+        change=Change(target.asked, judged, bending),
         rule=rule,
-        bending=bending,
-        letters=() if view.mirrored else target.letters,
+        letters=() if view.mirrored and target.is_text else target.letters,
     )
 
 

@@ -376,7 +376,7 @@ def is_far(
 def _rename_view(scene: SettledScene, target: Target) -> ResolvedScene:
     """Return the scene with its view named after another frame's picture."""
     view = scene.views[0].but(
-        name=target.name, title=target.name, picture=f"picture-{target.name}{target.suffix}"
+        name=target.name, title=target.name, picture=f"picture-{target.name}.png"
     )
     return scene.but(views=(view,))
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from knotfab.design.candidates import line_width
 from knotfab.picture.opening import is_thin, thicken
-from knotfab.picture.read import Target
+from knotfab.picture.read import Change, Target
 from knotfab.picture.silhouette import count_dust, drop_specks
 from knotfab.picture.source import name_picture
 from knotfab.scene.camera import find_aligned
@@ -259,7 +259,7 @@ def widen_targets(
 
 def _without_dust(view: View, target: Target, thinnest: float) -> Target:
     """Drop specks that no tube can draw, unless the view says how its picture is cleaned."""
-    if view.speck_px or view.keep_largest or view.smooth_px or target.is_text:
+    if view.speck_px or view.keep_largest or view.smooth_px or target.is_text or target.settled:
         return target
     least = (2.0 * thinnest * frame_view(view, target).px_per_mm(target.width)) ** 2
     count = count_dust(target.mask, least)
@@ -271,7 +271,7 @@ def _without_dust(view: View, target: Target, thinnest: float) -> Target:
         "--specks 1 keeps them)"
     )
     mask = drop_specks(target.mask, round(speck_px / target.shrunk**2))
-    return replace(target, mask=mask, speck_px=speck_px, notes=(*target.notes, note))
+    return replace(target, mask=mask, notes=(*target.notes, note))
 
 
 def _is_thin(view: View, target: Target, radius: float) -> bool:
@@ -309,8 +309,8 @@ def widen(view: View, target: Target) -> Target:
             f"; strokes widened to {view.thicken_mm:g} mm, {width * target.shrunk:.1f} px, by which it "
             "is judged"
         )
-    widened = mask if target.original is None else thicken(target.asked, width)
-    return replace(target, mask=mask, original=target.asked, widened=widened, rule=rule)
+    judged = mask if target.change is None else thicken(target.asked, width)
+    return replace(target, mask=mask, change=Change(target.asked, judged), rule=rule)
 
 
 def _resize_frame(view: View, target: Target, longer_mm: float, up_mm: float) -> View:
@@ -336,12 +336,8 @@ def frame_view(view: View, target: Target) -> ResolvedView:
     else:
         scale = LONGER_FRAME_MM / max(target.width, target.height)
     own = {
-        "picture": f"picture-{view.name}{target.suffix}",
+        "picture": f"picture-{view.name}.png",
         "title": target.shown,
-        "crop_px": target.crop_px or view.crop_px,
-        "ink": target.ink or view.ink,
-        "threshold": target.threshold or view.threshold,
-        "speck_px": target.speck_px or view.speck_px,
         "frame_width_mm": target.width * scale if across is None else across,
         "frame_height_mm": target.height * scale if up is None else up,
     }

@@ -18,7 +18,7 @@ from knotfab.geometry.tube import Mesh
 from knotfab.knots import count_in_words
 from knotfab.part.assemble import Part, enlarge_knots, shrink_of
 from knotfab.part.files import About, write_3mf, write_coloured_3mf, write_stl
-from knotfab.picture.raster import encode_image
+from knotfab.picture.raster import encode_image, encode_mask
 from knotfab.picture.read import Target
 from knotfab.render.image import image_at
 from knotfab.render.pages import length
@@ -121,12 +121,13 @@ def _write_scene(
     folder: OutputFolder, scene: SettledScene, targets: Sequence[Target], suffix: str
 ) -> None:
     for view, target in zip(scene.views, targets, strict=True):
-        folder.write(view.picture, target.png_bytes)
-        if target.colours_png and scene.lamps.picture:
-            folder.write(scene.lamps.picture, target.colours_png)
+        folder.write(view.picture, encode_mask(target.asked))
+        if (given := target.given) is not None:
+            folder.write(scene.lamps.picture or f"given-{view.name}{given.suffix}", given.data)
         if target.bending is not None:
-            folder.write(view.drawn_picture, target.drawing_png())
-    folder.write(f"scene{suffix}.toml", dump_scene(scene))
+            folder.write(view.drawn_picture, encode_mask(target.mask))
+    written = scene.but(views=tuple(view.as_written() for view in scene.views))
+    folder.write(f"scene{suffix}.toml", dump_scene(written))
 
 
 def _rows(matrix: Array) -> tuple[Row, Row, Row, Row]:

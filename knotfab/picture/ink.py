@@ -36,8 +36,6 @@ class Ink(NamedTuple):
 
     mask: Mask
     rule: str
-    # whether what is white is drawn beside a larger colour; it may be meant as paper
-    draws_white: bool = False
 
 
 def find_ink(image: Image.Image, reading: Reading, what: str) -> Ink:
@@ -67,7 +65,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> Ink:
         mask = _mark_different(colours, middle, reading.threshold, what, clear)
         rule = f"{_tell_shape(middle, colours, mask)} [what differs from the border's colour, "
         rule += f"{_name(middle, colours)}, by more than {share}]"
-        return Ink(mask, rule + _tell_colours(colours, mask)[0])
+        return Ink(mask, rule + _tell_colours(colours, mask))
     opaque = np.ones(colours.shape[:2], dtype=bool) if clear is None else ~clear
     if reading.ink == "flood":
         inside = opaque & ~_flood_border(colours, reading.threshold, what)
@@ -154,29 +152,28 @@ def _take_opaque(colours: Levels, opaque: Mask, reading: Reading) -> Ink:
         rule += ", without the parts of other colours inside it "
         rule += f"[that {name_colour(clusters.colours[0])}, the largest colour, encloses]"
     mask = opaque & ~holes
-    told, draws_white = _tell_colours(colours, mask, clear=True)
-    return Ink(mask, rule + told, draws_white)
+    return Ink(mask, rule + _tell_colours(colours, mask, clear=True))
 
 
-def _tell_colours(colours: Levels, mask: Mask, clear: bool = False) -> tuple[str, bool]:
+def _tell_colours(colours: Levels, mask: Mask, clear: bool = False) -> str:
     """Name the colours where ink has several, since a person may want only one of them.
 
-    Colours of soft edges, nowhere 3 px thick, do not count. Also returns whether there is white beside a
-    larger colour on a `clear` ground.
+    Colours of soft edges, nowhere 3 px thick, do not count. White beside a larger colour is told on a `clear`
+    ground, since it may be meant as paper.
     """
     from scipy import ndimage
 
     if colours.ndim == 2 or colours.dtype != np.uint8 or not mask.any():
-        return "", False
+        return ""
     found = cluster_colours(colours[mask].astype(np.uint8, copy=False))
     # share of the ink of a colour that is told
     told = [k for k, share in enumerate(found.shares) if share >= 0.02]
     if len(told) < 2:
-        return "", False
+        return ""
     kinds = found.label(colours)
     told = [k for k in told if ndimage.binary_erosion(mask & (kinds == k), np.ones((3, 3))).any()]
     if len(told) < 2:
-        return "", False
+        return ""
     names = [(_word_of(found.colours[k]), name_colour(found.colours[k])) for k in told[:4]]
     words = [
         f"{word} ({name}, {found.shares[k]:.0%})"
@@ -185,7 +182,7 @@ def _tell_colours(colours: Levels, mask: Mask, clear: bool = False) -> tuple[str
     (most, name), white = names[0], clear and "white" in [word for word, _ in names[1:]]
     taken = f'--ink "{name}" draws the {most} alone'
     too = _WHITE_TOO if white else ""
-    return f"; its colours are {', '.join(words[:-1])} and {words[-1]}{too}: {taken}", white
+    return f"; its colours are {', '.join(words[:-1])} and {words[-1]}{too}: {taken}"
 
 
 def take_border(colours: Levels) -> Levels:

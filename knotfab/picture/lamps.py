@@ -9,7 +9,7 @@ belongs to the nearer one of them, so that no seam of a third colour runs betwee
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +24,8 @@ from scipy.ndimage import (
 )
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.picture.raster import crop_image, encode_image
-from knotfab.picture.read import Target, read_image
+from knotfab.picture.raster import crop_image, encode_image, flatten
+from knotfab.picture.read import Given, Target, read_image
 from knotfab.picture.silhouette import resample_mask
 from knotfab.picture.source import name_picture
 from knotfab_formats.errors import InputError, shown
@@ -136,7 +136,7 @@ def separate(
         InputError: the picture is grey, or a lamp is hidden nowhere.
     """
     longer = max(image.size)
-    image = _flatten(image)
+    image = flatten(image, _LARGEST_PX)
     shrunk = longer / max(image.size)
     srgb = np.asarray(image, dtype=np.float64) / 255
     lab = to_oklab(srgb)
@@ -208,18 +208,12 @@ def read_masks(
         reading.speck_px,
     )
     plain = name_picture(source)
-    targets = list[Target]()
-    for name, mask in zip(names, found.masks, strict=True):
-        height, width = mask.shape
-        drawn = encode_image(Image.fromarray(~mask))
-        rule = f"where the lamp {name} must be hidden for the nearest mixture of colours"
-        colours_png = found.png if not targets else None
-        targets.append(
-            Target(
-                f"{plain}-{name}", mask, drawn, width, height, rule=rule, colours_png=colours_png
-            )
-        )
-    return tuple(targets), found
+    rule = "where the lamp {} must be hidden for the nearest mixture of colours"
+    first, *others = (
+        Target(f"{plain}-{name}", mask, rule.format(name))
+        for name, mask in zip(names, found.masks, strict=True)
+    )
+    return (replace(first, given=Given(found.png, ".png")), *others), found
 
 
 def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
@@ -234,20 +228,9 @@ def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
         aside = 0.5 * (max(widths) - width) * target.height / height
         box = (-aside, 0.0, target.width + aside, float(target.height))
         mask = resample_mask(target.mask, max(widths), height, box) >= 0.5
-        drawn = encode_image(Image.fromarray(~mask))
         rule = f"{target.rule}; on a canvas of {mask.shape[1]} x {height} px that all share"
-        found.append(Target(target.name, mask, drawn, mask.shape[1], height, rule=rule))
+        found.append(replace(target, mask=mask, rule=rule, letters=None, change=None))
     return tuple(found)
-
-
-def _flatten(image: Image.Image) -> Image.Image:
-    """Return the picture on white, in RGB, at most `_LARGEST_PX` on its longer side."""
-    image = image.convert("RGBA")
-    paper = Image.new("RGBA", image.size, "white")
-    paper.alpha_composite(image)
-    flat = paper.convert("RGB")
-    flat.thumbnail((_LARGEST_PX, _LARGEST_PX), Image.Resampling.LANCZOS)
-    return flat
 
 
 def _hidden_lamps(label_: int, count: int) -> tuple[int, ...]:

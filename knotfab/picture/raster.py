@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 from PIL import Image, ImageOps
+from PIL.PngImagePlugin import PngInfo
 
 from knotfab.base.arrays import Mask
-from knotfab.picture.ink import Ink, find_ink
+from knotfab.picture.ink import find_ink
 from knotfab.picture.silhouette import drop_specks, fit_size, keep_largest, pieces_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.libraries import took_part
-from knotfab_formats.views import Box, Reading
+from knotfab_formats.views import MASK_MARK, Box, Reading
 
 SMALLEST_SIDE = 16
 LARGEST_SIDE = 8000
@@ -44,7 +45,7 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
     "JPEG2000": (".jp2", ".j2k"),
     "PPM": (".ppm", ".pgm", ".pbm", ".pnm"),
 }
-KEPT = ("PNG", "JPEG", "MPO", "WEBP", "BMP", "GIF")  # a build keeps the others as PNG
+KEPT = ("PNG", "JPEG", "MPO", "WEBP", "BMP", "GIF")  # formats that are read in their own mode
 _FORMATS = tuple(kind for kind in SUFFIXES if kind != "MPO")
 _READABLE = "PNG, JPEG, WebP, BMP, GIF, HEIC, AVIF, TIFF or SVG"
 _BEGINNINGS = (
@@ -280,6 +281,12 @@ def shrink(image: Image.Image, factor: int) -> Image.Image:
     return image.reduce(factor)
 
 
+def suffixes_of(data: bytes) -> tuple[str, ...]:
+    """Return the suffixes of a picture's format, the usual one first; it was decoded before."""
+    with _open(data) as image:
+        return SUFFIXES[str(image.format)]
+
+
 def count_frames(data: bytes) -> int:
     """Return the number of frames that `decode` can read; 1 for a still picture."""
     with _open(data) as image:
@@ -300,6 +307,18 @@ def take_frames(data: bytes, most: int) -> Iterator[Image.Image]:
                 return
             if frame is not None:
                 yield frame
+
+
+def flatten(image: Image.Image, longest: int) -> Image.Image:
+    """Return a picture in RGB, on white where it is clear, at most `longest` px on its longer side."""
+    if image.mode.startswith("I"):
+        image = Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
+    image = image.convert("RGBA")
+    paper = Image.new("RGBA", image.size, "white")
+    paper.alpha_composite(image)
+    flat = paper.convert("RGB")
+    flat.thumbnail((longest, longest), Image.Resampling.LANCZOS)
+    return flat
 
 
 def to_plain(image: Image.Image) -> Image.Image:
@@ -326,7 +345,7 @@ def to_plain(image: Image.Image) -> Image.Image:
 
 def silhouette(
     image: Image.Image, what: str, reading: Reading, shrunk: int = 1
-) -> tuple[Ink, Box | None]:
+) -> tuple[Mask, str]:
     """Return the silhouette of a decoded picture, by the rules of docs/silhouette.md.
 
     The picture is cropped; then ink is found, and inverted if asked; then the largest pieces are
@@ -339,14 +358,14 @@ def silhouette(
             picture.
 
     Returns:
-        Its mask (H, W) of the cropped picture, row 0 at the top, True where the shape is;
-        and the crop in px (left, top, width, height), None where there is none.
+        Its mask (H, W) of the cropped picture, row 0 at the top, True where the shape is; and the rule in
+        words, its figures in brackets.
 
     Raises:
         InputError: no shape, nothing but specks, or a shape that fills the whole frame.
     """
     image, box = crop_image(image, what, reading)
-    mask, rule, draws_white = find_ink(image, reading, what)
+    mask, rule = find_ink(image, reading, what)
     if reading.invert:
         mask, rule = ~mask, f"all but {rule}"
     if reading.speck_px:
@@ -359,10 +378,11 @@ def silhouette(
             "; of that the largest piece" if count == 1 else f"; of that the {count} largest pieces"
         )
     if box is not None:
-        box = (box[0] * shrunk, box[1] * shrunk, box[2] * shrunk, box[3] * shrunk)
-        rule += "; in the picture from ({}, {}), {} x {} px".format(*box)
+        rule += "; in the picture from ({}, {}), {} x {} px".format(
+            *(side * shrunk for side in box)
+        )
     check_shape(mask, what)
-    return Ink(mask, rule, draws_white), box
+    return mask, rule
 
 
 def own_box(mask: Mask) -> Box:
@@ -380,7 +400,7 @@ def crop_image(image: Image.Image, what: str, reading: Reading) -> tuple[Image.I
     """Crop a picture to the part that is read; return it with its box in px."""
     box = reading.crop_px
     if box is None:
-        (whole, *_), _ = silhouette(image, what, reading.but(crop_px=False))
+        whole, _ = silhouette(image, what, reading.but(crop_px=False))
         box = own_box(whole)
     return (image, None) if not box else (_crop(image, box, what), box)
 
@@ -430,6 +450,13 @@ def encode_image(image: Image.Image, kind: str = "png", **options: Any) -> bytes
     with io.BytesIO() as file:
         image.save(file, kind.upper(), **options)
         return file.getvalue()
+
+
+def encode_mask(mask: Mask) -> bytes:
+    """Encode a silhouette as the PNG that a build keeps of it (`is_mask`), black where the shape is."""
+    mark = PngInfo()
+    mark.add_text(*MASK_MARK)
+    return encode_image(Image.fromarray(~mask), pnginfo=mark)
 
 
 def data_uri(data: bytes, media: str) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import glob
 import os
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,9 +12,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from knotfab.base.arrays import Mask
 from knotfab.base.limited import run_limited
 from knotfab.picture import raster, text
 from knotfab.picture.bending import Bending
@@ -27,13 +29,14 @@ from knotfab.picture.source import (
     bare_picture,
     name_picture,
     plain_name,
+    read_bytes,
     read_source,
     title_of,
 )
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError, shown
-from knotfab_formats.views import Box, Reading
+from knotfab_formats.views import Reading, View, is_mask
 
 PLAIN = Reading()
 _READ_AS_IT_IS = dict(PLAIN)
@@ -57,52 +60,59 @@ class Letter(NamedTuple):
     bottom: float
 
 
+class Given(NamedTuple):
+    """The file that a picture came as, byte for byte."""
+
+    data: bytes
+    suffix: str  # of its format, such as ".jpg"
+
+
+class Change(NamedTuple):
+    """What a shadow is compared with and scored by, where something else is drawn."""
+
+    asked: Mask  # as it was read
+    judged: Mask  # with strokes as wide as they are drawn, and bent
+    bending: Bending | None = None
+
+
 @dataclass(frozen=True, repr=False)
 class Target:
-    """A picture and its silhouette.
+    """A picture, read once: its silhouette and what is told of it.
 
-    `mask` (height, width) is True where the drawn shape is, row 0 at the top; `rule` says how it
-    was read. A shadow is compared with `original`, if that differs, and scored by `widened`, the
-    original with widened strokes, if any were.
-
-    `crop_px` is the part of the picture that was read (left, top, width, height). `png_bytes`, with `suffix`,
-    is the file to copy beside scene.toml: the original of a pixel picture, the canonical PNG of SVG and text;
-    read in the same way it gives the same mask. `name` is a `plain_name`, `title` the name as given.
-
-    `bending` says how `mask`
-    and `widened` were bent or mirrored. `notes` say what was left out or guessed; `ink`, `threshold` and the
-    size of specks, `speck_px`, are those used. After a glance `shrunk` px of the picture make one
-    of the masks, across.
-
-    `colours_png` is the picture in colours from which the first lamp's mask was taken, in its size.
+    `mask` (height, width) is True where the drawn shape is, row 0 at the top. `rule` says how it was read,
+    and `notes` what was left out or guessed. `name` is a `plain_name`, `title` the name as given. After a
+    glance `shrunk` px of the picture make one of the mask, across. The first of the masks that lamps mix has
+    the picture in colours, in their size, as its `given`.
     """
 
     name: str
-    mask: NDArray[np.bool_]
-    png_bytes: bytes
-    width: int
-    height: int
-    suffix: str = ".png"
+    mask: Mask
     rule: str = ""
-    crop_px: Box | None = None
-    original: NDArray[np.bool_] | None = None
-    widened: NDArray[np.bool_] | None = None
-    shrunk: int = 1
-    bending: Bending | None = None
-    draws_white: bool = False  # whether it draws white, beside a larger colour, on a clear ground
-    is_text: bool = False  # whether it is text, which must not be mirrored
-    letters: tuple[Letter, ...] = ()  # the picture's text; boxes in shares of the masks' sides
-    notes: tuple[str, ...] = ()
-    ink: str | None = None
-    threshold: float | None = None
-    speck_px: int = 0
-    colours_png: bytes | None = None
     title: str = ""
+    given: Given | None = None
+    notes: tuple[str, ...] = ()
+    letters: tuple[Letter, ...] | None = None  # of a text; boxes in shares of the mask's sides
+    shrunk: int = 1
+    settled: bool = False  # whether it was read from a build's mask, of which nothing is left out
+    change: Change | None = None
 
     @property
     def shown(self) -> str:
         """The name to show to people."""
         return self.title or self.name
+
+    @property
+    def width(self) -> int:
+        return int(self.mask.shape[1])
+
+    @property
+    def height(self) -> int:
+        return int(self.mask.shape[0])
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it is text, which must not be mirrored."""
+        return self.letters is not None
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """Convert a point of the masks to px of the picture, whose pixel centres are whole numbers."""
@@ -134,7 +144,7 @@ class Target:
             reach = max(_BESIDE * (box[1] - box[0]).max(), _LEAST_BESIDE * size.max())
             return max(float(beside - reach), 0.0), float(np.hypot(*(at - box.mean(axis=0))))
 
-        nearest = min(self.letters, key=away, default=None)
+        nearest = min(self.letters or (), key=away, default=None)
         return nearest if nearest and away(nearest)[0] == 0.0 else None
 
     @cached_property
@@ -144,22 +154,19 @@ class Target:
         return int((areas >= _CRUMB * areas.sum()).sum())
 
     @property
-    def judged(self) -> NDArray[np.bool_]:
+    def asked(self) -> Mask:
+        """The silhouette that a shadow is compared with: as it was read."""
+        return self.mask if self.change is None else self.change.asked
+
+    @property
+    def judged(self) -> Mask:
         """The silhouette by which a shadow is scored."""
-        return self.asked if self.widened is None else self.widened
+        return self.mask if self.change is None else self.change.judged
 
     @property
-    def asked(self) -> NDArray[np.bool_]:
-        """The silhouette that a shadow is compared with."""
-        return self.mask if self.original is None else self.original
-
-    def drawing_png(self) -> bytes:
-        """Return the drawn silhouette as a black-on-white PNG."""
-        return encode_image(Image.fromarray(~self.mask))
-
-    @property
-    def file_name(self) -> str:
-        return self.name + self.suffix
+    def bending(self) -> Bending | None:
+        """How `mask` and `judged` were bent or mirrored."""
+        return None if self.change is None else self.change.bending
 
 
 def read_target(
@@ -175,6 +182,7 @@ def read_target(
     Args:
         source: path of a PNG, JPEG, WebP, BMP, GIF, HEIC, AVIF, TIFF or SVG file, told apart by
             content (one that moves gives its first frame with a shape); or `text:` and characters to draw.
+            Of a mask that a build wrote (`is_mask`) nothing is guessed, and what was given lies beside it.
         reading: how it becomes a silhouette; a view of a scene is one.
         base: folder that a relative path starts from (that of the scene file); the current one if
             left out.
@@ -192,35 +200,49 @@ def read_target(
 def _read_target(
     source: str | Path, reading: Reading, base: Path | None, font: str | None, glance: int
 ) -> Target:
-    what = shown(source)
+    what, name = shown(source), name_picture(str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
-        drawn = text.render_text(content, font)
-        name = name_picture(source)
-        target = _take_target(drawn, what, name, "", reading, glance)
+        drawn, fonts = text.render_text(content, font)
+        target = _take_target(drawn, what, name, reading, glance)
         begin, end = (np.flatnonzero(target.mask.any(axis=0))[[0, -1]] + 0.5) / target.width
         letters = tuple(
             Letter(k, sign, begin + left * (end - begin), 0.0, begin + right * (end - begin), 1.0)
             for k, (sign, left, right) in enumerate(text.find_letters(content, font))
         )
         notes = text.tell_other_fonts(content, font) + target.notes
-        named = {"title": title_of(content.strip()), "notes": notes}
-        return replace(target, is_text=True, letters=letters, **named)
+        rule = f"{target.rule} [in {', '.join(fonts)}]"
+        named = {"title": title_of(content.strip()), "rule": rule, "notes": notes}
+        return replace(target, letters=letters, **named)
     data, path = read_source(source, base)
+    is_svg = _is_drawn(data, path)
+    pixels, notes = render_svg(data, what) if is_svg else (data, ())
+    try:
+        target = _take_target(pixels, what, plain_name(path.stem, "picture"), reading, glance)
+    except InputError as error:
+        if not notes:
+            raise
+        why = f"as it is drawn, {error.why} ({'; '.join(notes)})"
+        raise InputError(what, why, error.remedy) from error
     suffix = path.suffix.lower()
-    name = plain_name(path.stem, "picture")
-    if not raster.looks_like_raster(data) and (suffix in DRAWN_SUFFIXES or looks_like_svg(data)):
-        png, notes = render_svg(data, what)
-        try:
-            target = _take_target(png, what, name, "", reading, glance)
-        except InputError as error:
-            if not notes:
-                raise
-            why = f"as it is drawn, {error.why} ({'; '.join(notes)})"
-            raise InputError(what, why, error.remedy) from error
-        return replace(target, notes=notes + target.notes, title=title_of(path.stem))
-    found = _take_target(data, what, name, suffix, reading, glance)
-    return replace(found, title=title_of(path.stem))
+    usual = DRAWN_SUFFIXES if is_svg else raster.suffixes_of(data)
+    came = Given(data, suffix if suffix in usual else usual[0])
+    given = _given_beside(path) if target.settled else came
+    return replace(target, notes=notes + target.notes, title=title_of(path.stem), given=given)
+
+
+def _is_drawn(data: bytes, path: Path) -> bool:
+    """Return whether a file is an SVG."""
+    drawn = path.suffix.lower() in DRAWN_SUFFIXES or looks_like_svg(data)
+    return drawn and not raster.looks_like_raster(data)
+
+
+def _given_beside(mask: Path) -> Given | None:
+    """Read the file that a build took a mask from; None where it does not lie beside it."""
+    pattern = f"given-{glob.escape(mask.stem.removeprefix('picture-'))}.*"
+    for path in sorted(mask.parent.glob(pattern)):
+        return Given(read_bytes(path, path.name), path.suffix)
+    return None
 
 
 def read_image(source: str | Path, *, base: Path | None = None) -> Image.Image:
@@ -235,11 +257,10 @@ def read_image(source: str | Path, *, base: Path | None = None) -> Image.Image:
 def _read_image(source: str | Path, base: Path | None) -> Image.Image:
     what = shown(source)
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
-        data = text.render_text(source.removeprefix(TEXT_PREFIX))
+        data = text.render_text(source.removeprefix(TEXT_PREFIX))[0]
     else:
         data, path = read_source(source, base)
-        drawn = path.suffix.lower() in DRAWN_SUFFIXES or looks_like_svg(data)
-        if not raster.looks_like_raster(data) and drawn:
+        if _is_drawn(data, path):
             data = render_svg(data, what)[0]
     return raster.to_plain(raster.decode(data, what)[0])
 
@@ -279,55 +300,53 @@ def read_targets(
     )
 
 
-def _take_target(
-    data: bytes, what: str, name: str, suffix: str, reading: Reading, glance: int
-) -> Target:
+def name_targets(targets: Sequence[Target], views: Sequence[View]) -> tuple[Target, ...]:
+    """Name pictures as a built scene titles them: its picture-front.png still has the title of cat.png."""
+    return tuple(
+        replace(t, name=plain_name(v.title, t.name), title=v.title)
+        for t, v in zip(targets, views, strict=True)
+    )
+
+
+def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: int) -> Target:
+    """Take the silhouette of a pixel picture."""
     glance *= reading.crop_px is False
     image, kind, size, shrunk = raster.decode_shrunk(data, what, glance)
-    whole = data
     frames = raster.count_frames(data) if kind in MOVING else 1
+    settled = is_mask(data)
+    asked = reading = reading.but(ink="dark") if settled and reading.ink == "auto" else reading
     if kind not in raster.KEPT:
-        image, kind = raster.to_plain(image), "PNG"
-        if shrunk == 1:
-            data = encode_image(image)
-            image, kind = raster.decode(data, what)
-    asked = reading
+        image = raster.to_plain(image)
     notes: tuple[str, ...] = ()
     if reading.ink == "auto":
         bare = bare_picture(image, whole=not reading.crop_px)
         if bare is not None:
             image, notes = bare[0], (bare[1],)
-            data, kind = encode_image(image), "PNG"
     try:
         reading, told = guess_reading(image, reading, what)
         notes = (*notes, *told)
-        if (
-            shrunk > 1 and asked.crop_px is False and reading.crop_px is not False
-        ):  # a thin frame, to be told in its own px
-            return _take_target(whole, what, name, suffix, asked, 0)
-        (mask, rule, draws_white), box = raster.silhouette(image, what, reading, shrunk)
+        if shrunk > 1 and asked.crop_px is False and reading.crop_px is not False:
+            return _take_target(
+                data, what, name, asked, 0
+            )  # a thin frame, to be told in its own px
+        mask, rule = raster.silhouette(image, what, reading, shrunk)
     except InputError:
         if frames == 1:
             raise
-        return _first_drawn(whole, what, name, asked, glance, frames, size)
+        return _first_drawn(data, what, name, asked, glance, frames, size)
+    if settled:
+        rule = re.sub(r"what is dark \[[^]]*\]", "the silhouette that a build read", rule)
     if frames > 1:
         rule = f"the first of its {frames} frames: {rule}"
     if not notes and asked == asked.but(**_READ_AS_IT_IS):
         notes = tell_other_reading(image, mask)
-    original = None
+    change = None
     if reading.smooth_px:
-        original, mask = mask, smooth(mask, reading.smooth_px / shrunk)
+        change = Change(mask, mask)
+        mask = smooth(mask, reading.smooth_px / shrunk)
         raster.check_shape(mask, f"{what}, smoothed,")
         rule += f"; drawn smoothed by {reading.smooth_px:g} px"
-    height, width = mask.shape
-    usual = raster.SUFFIXES[kind]
-    kept = suffix if suffix in usual else usual[0]
-    ink = reading.ink if reading.ink != asked.ink else None
-    threshold = reading.threshold if reading.threshold != asked.threshold else None
-    found = name, mask, data, width, height, kept, rule, box, original
-    return Target(
-        *found, draws_white=draws_white, shrunk=shrunk, notes=notes, ink=ink, threshold=threshold
-    )
+    return Target(name, mask, rule, notes=notes, shrunk=shrunk, settled=settled, change=change)
 
 
 def _first_drawn(
@@ -346,7 +365,7 @@ def _first_drawn(
         if not np.ptp(np.reshape(frame.getextrema(), (-1, 2)), axis=1).any():
             continue  # of one colour
         try:
-            found = _take_target(encode_image(frame), what, name, "", reading, glance)
+            found = _take_target(encode_image(frame), what, name, reading, glance)
         except InputError as error:
             refused = refused or error
         else:

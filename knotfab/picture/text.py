@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import io
-import struct
 import unicodedata
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -242,7 +240,7 @@ def _no_ink() -> InputError:
     )
 
 
-def render_text(text: str, font: str | None = None) -> bytes:
+def render_text(text: str, font: str | None = None) -> tuple[bytes, tuple[str, ...]]:
     """Draw text, black on white, as a canonical PNG.
 
     Args:
@@ -251,8 +249,8 @@ def render_text(text: str, font: str | None = None) -> bytes:
             characters.
 
     Returns:
-        A PNG, 2048 px on the longer side; the frame hugs the ink with a margin of 6 % of that. Its text
-        entry `Font` names the files of the fonts that were used.
+        A PNG, 2048 px on the longer side, whose frame hugs the ink with a margin of 6 % of that; and the
+        names of the font files that were used.
 
     Raises:
         InputError: no ink, no such font, or a character that no font has.
@@ -288,12 +286,4 @@ def render_text(text: str, font: str | None = None) -> bytes:
     x, y, w, h = (f"{v:.9f}" for v in view)
     paper = f'<rect x="{x}" y="{y}" width="{w}" height="{h}" fill="white"/>'
     png = render(_frame(paper + body, view, LONGER_SIDE), "text:", files=files)
-    return _with_note(png, "Font", ", ".join(Path(f).name for f in fonts))
-
-
-def _with_note(png: bytes, key: str, value: str) -> bytes:
-    """Insert a tEXt entry after a PNG's header (PNG specification, 11.3.4.3)."""
-    entry = b"tEXt" + f"{key}\0{value}".encode("latin-1", "replace")
-    chunk = struct.pack(">I", len(entry) - 4) + entry + struct.pack(">I", zlib.crc32(entry))
-    end = 8 + 25  # the signature and the header, which comes first
-    return png[:end] + chunk + png[end:]
+    return png, tuple(Path(f).name for f in fonts)

@@ -111,8 +111,8 @@ def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene
         asked: the scene as the user wrote it.
     """
     keys = first.model_dump(by_alias=True, exclude={"pose", "mount"})
-    named = {"name": asked.views[0].name, "picture": PICTURES}
-    keys["views"] = [{**keys["views"][0], **named}]
+    view = first.views[0].as_written().but(name=asked.views[0].name, picture=PICTURES)
+    keys["views"] = [view.model_dump()]
     keys["accuracy"]["iou_floor"] = asked.accuracy.iou_floor
     whole = ResolvedScene.model_validate({**keys, "mount": asked.mount})
     return folder.write("scene.toml", dump_scene(whole))

@@ -22,9 +22,9 @@ from knotfab.design.frames import (
 )
 from knotfab.picture.colours import is_photo
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
-from knotfab.picture.raster import GLANCE, decode_shrunk
-from knotfab.picture.read import Target, read_targets
-from knotfab.picture.source import SECONDS, TEXT_PREFIX, plain_name
+from knotfab.picture.raster import GLANCE, decode_shrunk, encode_mask
+from knotfab.picture.read import Target, name_targets, read_targets
+from knotfab.picture.source import DRAWN_SUFFIXES, SECONDS, TEXT_PREFIX, plain_name
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
@@ -264,14 +264,7 @@ def _read_pictures(
         count_knots(targets, scene.piece.knots)  # refuses too many knots
         return targets
     targets = read_targets(sources, scene.views, base=base, font=options.font, glance=glance)
-    if not named:
-        return targets
-    # in a built scene picture-front.png still has the title of cat.png
-    titles = [view.title for view in scene.views]
-    return tuple(
-        replace(t, name=plain_name(title, t.name), title=title)
-        for t, title in zip(targets, titles, strict=True)
-    )
+    return name_targets(targets, scene.views) if named else targets
 
 
 def _size(
@@ -312,7 +305,12 @@ def _explain_photograph(found: Survey) -> Survey:
     target = found.views[0].target
 
     def look() -> bool:
-        return is_photo(decode_shrunk(target.png_bytes, target.shown, GLANCE)[0])
+        given = target.given
+        return (
+            given is not None
+            and given.suffix not in DRAWN_SUFFIXES
+            and is_photo(decode_shrunk(given.data, target.shown, GLANCE)[0])
+        )
 
     if not run_limited(look, target.shown, seconds=SECONDS):
         return found
@@ -354,8 +352,9 @@ def _keep_other_picture(folder: Path, targets: Sequence[Target]) -> None:
     """
     if not (folder / "report.json").is_file():
         return
-    held = {path.read_bytes() for path in folder.glob("picture-*.*")}
-    if not any(target.png_bytes in held for target in targets):
+    held = {p.read_bytes() for kind in ("picture", "given") for p in folder.glob(f"{kind}-*.*")}
+    ours = {t.given.data if t.given is not None else encode_mask(t.asked) for t in targets}
+    if held.isdisjoint(ours):
         raise InputError(
             str(folder),
             "it holds what was built from another picture",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from knotfab.base.progress import Progress
 from knotfab.design.frames import name_views, size_longer, widen_targets
-from knotfab.picture.read import Target, read_targets
+from knotfab.picture.read import Given, Target, name_targets, read_targets
 from knotfab.picture.source import name_picture, plain_name, read_bytes
 from knotfab.pipeline.options import BuildOptions
 from knotfab.scene.load import COLOURS_FILE, require_lamps, with_lamps, with_small_lamps
@@ -84,21 +84,17 @@ def read_lamps(
             targets = read_targets(sources, scene.views, base=base, font=options.font)
         if mixing and scene.lamps.picture:
             colours = read_bytes((base or Path()) / scene.lamps.picture, scene.lamps.picture)
-            targets = (replace(targets[0], colours_png=colours), *targets[1:])
-        titles = [v.title if named else "" for v in scene.views]
-        targets = tuple(
-            replace(t, name=plain_name(title, t.name))
-            for t, title in zip(targets, titles, strict=True)
-        )
+            given = (Given(colours, ".png"), *[None] * len(targets))
+            targets = tuple(replace(t, given=one) for t, one in zip(targets, given, strict=False))
+        if named:
+            targets = name_targets(targets, scene.views)
         name = plain_name("-".join(dict.fromkeys(t.name for t in targets)), "picture")
         update, read = {}, targets
         targets = on_one_canvas(targets)
     # masks must register with one another
     update |= {"piece": scene.piece.but(bend=0.0)}
-    # masks that are new files are already black on white
-    if update.get("lamps") or targets is not read:
-        masks = {**dict(Reading()), "ink": "dark"}
-        update["views"] = tuple(v.but(**masks) for v in scene.views)
+    if update.get("lamps") or targets is not read:  # masks that are read and smoothed already
+        update["views"] = tuple(view.but(**dict(Reading())) for view in scene.views)
     scene = scene.but(**update)
     require_several(scene)
     require_tube(scene)

@@ -19,6 +19,7 @@ import numpy as np
 from knotfab.base.disk import read_file, temporary_folder
 from knotfab.base.errors import MachineError
 from knotfab.base.limited import run_limited
+from knotfab.picture.read import read_target
 from knotfab.pipeline.verifier import (
     Files,
     Verifier,
@@ -188,7 +189,6 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
         MachineError: this machine cannot render.
     """
     from knotfab_validators.files.mesh import read_mesh
-    from knotfab_validators.files.picture import read_silhouette
     from knotfab_validators.files.scene import read_scene
     from knotfab_validators.shadows.frame import working_frame, write_shadow
     from knotfab_validators.shadows.render import CannotRender, SilhouetteRenderer
@@ -211,7 +211,7 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
             raise InputError(
                 f"--view {view_name}", "the scene has no such view", f"It has: {names}"
             )
-        height, width = read_silhouette(lit_by.parent / named[0].picture).shape
+        height, width = read_target(lit_by.parent / named[0].picture, named[0]).mask.shape
         pose = (
             np.eye(4) if setting.pose is None else np.asarray(setting.pose.matrix, dtype=np.float64)
         )

@@ -249,9 +249,10 @@ def explain_unreadable(sentence: str) -> InputError:
     name, _, reason = sentence.partition(": ")
     if not reason:
         name, reason = "the files", sentence
+    reason, again, how = reason.partition(": build it again")
     written = reason.startswith("cannot be written")
     remedy = "Choose another place for it." if written else "Correct that file, or name another."
-    return InputError(name, reason.rstrip("."), remedy)
+    return InputError(name, reason.rstrip("."), f"Build it again{how}" if again else remedy)
 
 
 _READ = {"part.stl", "part.3mf", "part-colours.3mf", "knots.json", "scene.toml", PROFILE}

@@ -12,9 +12,10 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
-from PIL import Image, ImageOps
+from PIL import Image
 
-from knotfab.picture.raster import data_uri, hash_script, image_uri
+from knotfab.picture.raster import data_uri, flatten, hash_script, image_uri
+from knotfab.picture.read import read_image
 from knotfab.report.summary import mark_of, tally_checks, tell_colours, tell_share
 from knotfab_formats.errors import plain
 from knotfab_formats.report import Report
@@ -32,7 +33,7 @@ VERDICTS = {
     ),
 }
 _NOTHING = "Nobody would miss anything of the picture in its shadow."
-_PHOTOGRAPH_PX = 640  # longer side of a photograph beside its cut-out
+_GIVEN_PX = 640  # longer side of a picture as it came
 _QUALITY = 85  # the quality of WebP, of 100
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".gif": "image/gif"}
 
@@ -49,7 +50,7 @@ def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow", "photograph" with the view
+    """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow", "given" with the view
     named `view`, "part" with the pictures of the part, "turn" before these."""
 
     path: Path
@@ -60,11 +61,9 @@ class Picture:
     @property
     def data_uri(self) -> str:
         """The file as a data URI; a large one that does not move as WebP, so that the page stays small."""
-        if self.role == "photograph":
-            with Image.open(self.path) as opened:
-                upright = ImageOps.exif_transpose(opened).convert("RGB")
-            upright.thumbnail((_PHOTOGRAPH_PX, _PHOTOGRAPH_PX))
-            return image_uri(upright, "webp", quality=_QUALITY, method=2)
+        if self.role == "given":
+            small = flatten(read_image(self.path), _GIVEN_PX)
+            return image_uri(small, "webp", quality=_QUALITY, method=2)
         data = self.path.read_bytes()
         # a picture of more bytes is embedded as WebP
         if len(data) > 100_000 and self.path.suffix != ".gif":

@@ -43,6 +43,11 @@ def find_pictures(folder: Path) -> list[Picture]:
         found.append(Picture(colours, "colours", caption))
         for path in sorted(folder.glob("shadow-*.png")):
             found.append(Picture(path, "alone", "", path.stem.removeprefix("shadow-")))
+    for path in sorted(folder.glob("given-*.*")):
+        name = path.stem.removeprefix("given-")
+        found.append(
+            Picture(path, "given", f"{name} as it came; its silhouette is picture-{name}.png", name)
+        )
     for path in sorted(set(folder.glob("compare-*.png")) - {colours}):
         caption = "target, shadow of the written file, and where they differ"
         found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))

@@ -16,7 +16,7 @@ from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.piece import ON_FEET, Region
 from knotfab_formats.read import parse_toml, scene_of
 from knotfab_formats.scene import ResolvedScene, Scene
-from knotfab_formats.views import View
+from knotfab_formats.views import Reading, View
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -209,12 +209,18 @@ def _faults_of_place(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
 def dump_scene(scene: Scene) -> str:
     """Return the TOML text whose reading gives `scene` again, every float at full precision.
 
-    Every key is written, except those of [printer] and [material] that nobody set: their values
-    come from the data files that their names stand for (`resolve` sets them all).
+    Every key is written, except those of [printer] and [material] that nobody set, whose values
+    come from the data files that their names stand for (`resolve` sets them all), and those that say how
+    a view's picture is read, where they ask for nothing.
     """
     import tomli_w
 
     tables: dict[str, Any] = _without_none(scene.model_dump(by_alias=True))
+    plain = Reading().model_dump()
+    tables["views"] = [
+        {key: value for key, value in view.items() if plain.get(key, ...) != value}
+        for view in tables["views"]
+    ]
     tables["printer"] = scene.printer.model_dump(exclude_unset=True)
     tables["material"] = scene.material.model_dump(exclude_unset=True)
     return tomli_w.dumps({key: value for key, value in tables.items() if value != {}})

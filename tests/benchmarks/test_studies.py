@@ -42,6 +42,7 @@ from knotfab.design import survey
 from knotfab.design.frames import frame_view
 from knotfab.design.radius import RadiusChoice
 from knotfab.part.write import make_pose
+from knotfab.picture.raster import encode_mask
 from knotfab.pipeline import build as pipeline
 from knotfab.request import Outcome, Request
 from knotfab.scene.load import dump_scene, load_scene
@@ -244,7 +245,7 @@ def build(request: Request, progress: Progress) -> Outcome:
     views = [frame_view(v, t) for v, t in zip(request.scene.views, request.targets, strict=False)]
     with OutputFolder(request.out) as folder:
         for view, target in zip(views, request.targets, strict=False):
-            folder.write(view.picture, target.png_bytes)
+            folder.write(view.picture, encode_mask(target.asked))
         made = {"views": tuple(views), "pose": make_pose(np.eye(4))}
         folder.write("scene.toml", dump_scene(request.scene.model_copy(update=made)))
         folder.write("report.json", "{}")

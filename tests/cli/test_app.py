@@ -209,7 +209,7 @@ def test_the_default_folder_keeps_what_another_picture_came_to(
     assert "built from another picture" in refuse(2, "build", bad / "good.png")
     for more in (["--force"], ["--out", str(out)]):
         assert "seen enough" in refuse(2, "build", bad / "good.png", *more)
-    (out / "picture-front.png").write_bytes((bad / "good.png").read_bytes())
+    (out / "given-front.png").write_bytes((bad / "good.png").read_bytes())
     assert "seen enough" in refuse(2, "build", bad / "good.png")
 
 

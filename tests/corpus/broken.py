@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from .broken_knots import broken_knots
 from .broken_mesh import broken_files, broken_mesh, refused_files
@@ -97,6 +98,8 @@ def _of_pictures() -> Iterator[Broken]:
         "moved by a radius": lambda p: _drawn(p, lambda m: np.roll(m, 6, axis=1)),
         "without a piece": lambda p: _drawn(p, _cut),
         "with a blot": lambda p: _drawn(p, _blot),
+        "smoothed by a radius": lambda p: _drawn(p, lambda m: gaussian_filter(m * 1.0, 6) > 0.5),
+        "inverted": lambda p: _drawn(p, lambda m: ~m),
         "empty": lambda p: _drawn(p, lambda m: np.zeros_like(m)),
     }
     yield Broken(
@@ -106,11 +109,6 @@ def _of_pictures() -> Iterator[Broken]:
     )
     for name, change in pictures.items():
         yield Broken(f"a picture {name}", partial(_apply, change), "shadow")
-    yield Broken(
-        "a picture read inverted",
-        lambda: change_scene(_make_lopsided(), "view", invert=True),
-        "shadow",
-    )
 
 
 def _of_scene() -> Iterator[Broken]:

@@ -137,7 +137,7 @@ def with_lamps(
     pose, pictures, raw = np.array(scene["pose"]["matrix"]), {}, dict(whole.raw)
     scene["views"], mixed = [], np.zeros((PIXELS, PIXELS, 3))
     for name, (colour, right, up) in lamps.items():
-        own = {**view, "name": name, "picture": f"picture-{name}.png", "ink": "dark"}
+        own = {**view, "name": name, "picture": f"picture-{name}.png"}
         own |= {"light_right_mm": right, "light_up_mm": up, "lamp_colour": colour}
         own |= {"wall": scene["views"][0]["name"]} if scene["views"] else {}
         scene["views"].append(own)

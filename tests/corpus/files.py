@@ -13,6 +13,7 @@ import numpy as np
 import tomli_w
 from PIL import Image, ImageDraw
 
+from knotfab.picture.raster import encode_mask
 from knotfab_validators.arrays import Mask
 
 from .curves import Array
@@ -65,9 +66,7 @@ def write(part: Part, folder: Path) -> Files:
     if part.scene is not None:
         names["scene.toml"] = tomli_w.dumps(dict(part.scene)).encode()
     for name, mask in part.pictures.items():
-        buffer = io.BytesIO()
-        Image.fromarray(np.where(mask, 0, 255).astype(np.uint8)).save(buffer, format="PNG")
-        names[name] = buffer.getvalue()
+        names[name] = encode_mask(np.asarray(mask, dtype=bool))
     names.update(part.raw)
     for name, content in names.items():
         (folder / name).write_bytes(content)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -60,10 +59,7 @@ def _write_frame(staged: OutputFolder, number: int, points: Array) -> None:
     reach = RADIUS_MM * np.ptp(drawn, axis=0).max() / np.ptp(points, axis=0).max()  # px
     for x, y in drawn:
         ImageDraw.Draw(image).ellipse((x - reach, y - reach, x + reach, y + reach), fill=0)
-    with io.BytesIO() as buffer:
-        image.save(buffer, format="PNG")
-        mask, png = np.asarray(image) < 128, buffer.getvalue()
-    target = Target(name=name, mask=mask, png_bytes=png, width=300, height=300)
+    target = Target(name, np.asarray(image) < 128)
     made: Any = SimpleNamespace(
         scene=scene, knots=knots, settings=SimpleNamespace(mesh_sides=SIDES)
     )

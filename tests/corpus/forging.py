@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import io
 import json
 import shutil
 import tomllib
@@ -304,10 +303,7 @@ def _target(name: str, filled: bool) -> Target:
         reach = 2 * 1.08 * radius
         box = (150 - reach, 150 - reach, 150 + reach, 150 + reach)
         draw.ellipse(box, outline=0, width=12, fill=0 if filled else None)
-    buffer = io.BytesIO()
-    image.save(buffer, format="PNG")
-    mask = np.asarray(image) < 128
-    return Target(name=name, mask=mask, png_bytes=buffer.getvalue(), width=300, height=300)
+    return Target(name, np.asarray(image) < 128)
 
 
 def _arches(arches: int, plan: float, flank_deg: float = 55.0) -> Array:

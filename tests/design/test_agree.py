@@ -37,7 +37,7 @@ from knotfab.scene.require import require_several
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import Scene
 from knotfab_formats.views import View
-from knotfab_validators.files.colours import bend_of, bend_silhouette
+from knotfab_validators.files.picture import bend_of, bend_silhouette
 
 SIDE = 160
 
@@ -48,7 +48,7 @@ def picture(name: str, *shapes: tuple[float, float, float, float]) -> Target:
     mask = np.zeros((SIDE, SIDE), dtype=bool)
     for u, v, a, b in shapes:
         mask |= ((x - u) / a) ** 2 + ((y - v) / b) ** 2 <= 1
-    return Target(name, mask, b"", SIDE, SIDE)
+    return Target(name, mask)
 
 
 EGG = picture("egg", (0.5, 0.5, 0.3, 0.42))
@@ -230,7 +230,7 @@ def test_a_mirrored_picture_is_said_and_is_never_text() -> None:
     assert (done.targets[1].mask == left.mask).all()
     assert (done.targets[1].asked == right.mask).all()
     assert any(line == "mirrored, which changes the picture: right" for line in done.lines)
-    text = agree(scene, [replace(t, is_text=True) for t in (left, right, middle)])
+    text = agree(scene, [replace(t, letters=()) for t in (left, right, middle)])
     assert all(t.bending is None for t in text.targets)
 
 

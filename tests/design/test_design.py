@@ -276,7 +276,7 @@ def masks(count: int = 3) -> tuple[Target, ...]:
         else (abs(u - 100) < 60) & (abs(v - 70) < 26)
         for k in range(count)
     ]
-    return tuple(Target(f"m{k}", m, b"", 200, 160) for k, m in enumerate(shapes))
+    return tuple(Target(f"m{k}", m) for k, m in enumerate(shapes))
 
 
 def scene_of(lamps: str = "rgb", text: str = "") -> Scene:

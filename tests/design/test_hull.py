@@ -163,7 +163,7 @@ def test_only_low_bounds_are_told_and_where() -> None:
 
 
 def target(mask: Mask) -> Target:
-    return Target("x", mask, b"", mask.shape[1], mask.shape[0])
+    return Target("x", mask)
 
 
 def test_silhouettes_are_brought_to_one_height() -> None:

@@ -43,7 +43,7 @@ def target(width: int, height: int, top: int, bottom: int) -> Target:
     """A bar in a picture."""
     mask = np.zeros((height, width), dtype=bool)
     mask[top:bottom, width // 4 : width // 2] = True
-    return Target("bar", mask, b"", width, height)
+    return Target("bar", mask)
 
 
 TARGETS = [target(100, 200, 20, 180), target(300, 100, 10, 60)]
@@ -85,7 +85,7 @@ def test_sizes_of_their_own_stay() -> None:
 def test_strokes_wider_than_a_quarter_of_the_picture_are_refused() -> None:
     mask = np.zeros((80, 160), dtype=bool)
     mask[38:42, 10:150] = True
-    target = Target("line", mask, b"", 160, 80)
+    target = Target("line", mask)
 
     def scene(width: float) -> Scene:
         return Scene(views=({"frame_width_mm": 160.0, "thicken_mm": width},))  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ def test_the_size_that_is_advised_is_enough_and_no_other_remedy_is_named(tall: i
     """Nobody gave --thicken: a picture too small for one tube along its lines is told its size alone."""
     mask = np.zeros((tall, 160), dtype=bool)
     mask[tall // 2 - 2 : tall // 2 + 2, 10:150] = True
-    target = Target("line", mask, b"", 160, tall)
+    target = Target("line", mask)
 
     def draw(size: float) -> tuple[Target, ...]:
         views = ({"frame_width_mm": size, "lines": True},)
@@ -141,7 +141,7 @@ def speckled(count: int, side: int, every: int) -> Mask:
 def test_dust_is_left_out_and_told(mask: Mask, keys: dict[str, int], left: int) -> None:
     scene = resolve(Scene())
     scene = scene.model_copy(update={"views": (scene.views[0].model_copy(update=keys),)})
-    picture = Target("scan", mask, b"", 600, 600)
+    picture = Target("scan", mask)
     (cleaned,) = widen_targets(scene, (picture,))[1]
     specks = int((cleaned.mask ^ speckled(0, 1, 1)).sum() > 0)
     assert specks == (left > 0) and bool(cleaned.notes) == (not left)

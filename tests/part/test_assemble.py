@@ -23,13 +23,14 @@ from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import Part, _choose_pose, clean_body, enlarge_knots, shrink_of
 from knotfab.part.write import make_pose, pose_scene, write_model, write_part, write_unbuilt
-from knotfab.picture.read import Target
+from knotfab.picture.read import Change, Given, Target
 from knotfab.report.posing import report_posing
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab_formats.piece import About, Material, Printer
 from knotfab_formats.scene import ResolvedView, Scene
+from knotfab_validators.files.picture import read_mask
 from knotfab_validators.files.scene import read_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.surface_checks import self_intersections
@@ -110,7 +111,9 @@ def model_of(path: Path) -> str:
 
 
 def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
-    target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
+    asked, drawn = np.array([[True, False]]), np.array([[True, True]])  # as it was read, and wider
+    given, change = Given(b"picture", ".jpg"), Change(asked, drawn)
+    target = Target("heart", drawn, given=given, change=change)
     about = About(title="Heart & co", licence="CC0") if suffix else About()
     keys: Any = {"views": (PICTURED,), "pose": make_pose(np.eye(4)), "about": about}
     scene: Any = resolve(Scene(**keys))
@@ -126,8 +129,9 @@ def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
     out = written(tmp_path, 3, False, suffix)
     names = {f"part{suffix}.{kind}" for kind in ("stl", "3mf", "glb")}
     names |= {f"knots{suffix}.json", f"scene{suffix}.toml"}
-    assert {p.name for p in out.iterdir()} == {*names, "picture-front.png"}
-    assert (out / "picture-front.png").read_bytes() == b"picture"
+    assert {p.name for p in out.iterdir()} == {*names, "picture-front.png", "given-front.jpg"}
+    assert read_mask(out / "picture-front.png").tolist() == [[True, False]]
+    assert (out / "given-front.jpg").read_bytes() == b"picture"
     assert load_scene(out / f"scene{suffix}.toml").pose == make_pose(np.eye(4))
     model = model_of(out / f"part{suffix}.3mf")
     assert model.count("<object ") == model.count("<item ") == 1
@@ -163,7 +167,7 @@ def test_knots_without_a_part_are_as_large_as_their_pose_says(
     keys: Any = {"views": (PICTURED,), "material": Material(shrinkage_percent=percent)}
     own = Knots((Knot(20 * np.random.default_rng(0).normal(size=(30, 3))),), 2.0)
     made: Any = SimpleNamespace(scene=resolve(Scene(**keys)), knots=own)
-    target = Target("heart", np.ones((4, 4), dtype=bool), b"picture", 4, 4, ".png")
+    target = Target("heart", np.array([[True, False]]), given=Given(b"picture", ".jpg"))
     with OutputFolder(tmp_path / "out") as folder:
         write_unbuilt(folder, made, [target])
         folder.commit()

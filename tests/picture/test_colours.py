@@ -15,7 +15,7 @@ from tables import some
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.picture.colours import even_out
-from knotfab.picture.raster import silhouette_uri
+from knotfab.picture.raster import encode_mask, silhouette_uri
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import holes_of, mask_iou, pieces_of
 from knotfab_formats.errors import InputError
@@ -62,9 +62,9 @@ def test_a_drawing_keeps_its_holes(drawn: str, light: str, tmp_path: Path) -> No
     assert len(holes_of(read.mask)[1]) == len(holes_of(ink)[1])
     assert len(pieces_of(read.mask)[1]) == len(pieces_of(ink)[1])
     assert "uneven" in read.notes[0]
-    (tmp_path / "kept.png").write_bytes(read.png_bytes)
-    again = read_target(tmp_path / "kept.png")  # as a build's folder has it: even already
-    assert (again.mask == read.mask).all() and not again.notes and again.png_bytes == read.png_bytes
+    (tmp_path / "kept.png").write_bytes(encode_mask(read.asked))
+    again = read_target(tmp_path / "kept.png")  # as a build's folder has it
+    assert (again.mask == read.mask).all() and not again.notes
 
 
 @pytest.mark.parametrize(
@@ -167,9 +167,6 @@ def test_a_drawing_is_read_on_any_ground(tmp_path: Path, kind: str) -> None:
     assert words in " ".join(target.notes)
     assert 0.4 * INK < target.mask.mean() < 1.15 * INK
     assert target.pieces == 1 and not target.mask[:5].any()
-    if target.threshold is None:  # the picture beside the scene gives the same mask again
-        (tmp_path / "again.png").write_bytes(target.png_bytes)
-        assert (read_target(tmp_path / "again.png").mask == target.mask).all()
 
 
 PLAIN = {

@@ -205,7 +205,7 @@ def test_the_validators_widen_alike(seed: int, width: float) -> None:
 @pytest.mark.parametrize("sequence", [False, True])
 def test_what_the_scene_asks_for_is_drawn_and_the_picture_kept(sequence: bool) -> None:
     mask = drawn(*LINES["bent"], width=2)
-    targets = [Target("line", mask, b"", 200, 160)] * (3 if sequence else 1)
+    targets = [Target("line", mask)] * (3 if sequence else 1)
     scene = resolve(Scene(views=(View(thicken_mm="auto"),)))
     changed, found = widen_targets(scene, targets, sequence)
     # 1.1 times the shadow of a 1.6 mm tube falls on a wall 100 mm behind a piece 500 mm from the lamp

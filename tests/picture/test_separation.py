@@ -108,7 +108,7 @@ def test_oklab_of_known_colours() -> None:
 def test_pictures_of_lamps_that_switch_share_a_canvas() -> None:
     wide, high = np.zeros((40, 80), bool), np.zeros((60, 60), bool)
     wide[10:30, 10:70] = high[10:50, 20:40] = True
-    targets = tuple(Target("t", m, b"", m.shape[1], m.shape[0]) for m in (wide, high))
+    targets = tuple(Target("t", m) for m in (wide, high))
     one, two = on_one_canvas(targets)
     assert one.mask.shape == two.mask.shape == (40, 80)
     assert one.mask.mean() == pytest.approx(wide.mean())

@@ -12,6 +12,7 @@ from command import picture
 from PIL import Image, ImageDraw
 
 from knotfab.base.progress import Progress
+from knotfab.picture.raster import encode_mask
 from knotfab.pipeline.options import ALL_OUT, BuildOptions, options_from
 from knotfab.pipeline.prepare import prepare_build
 from knotfab.pipeline.read_lamps import LampsCall, read_lamps
@@ -149,14 +150,12 @@ def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
     assert [v.name for v in made.scene.views] == ["red", "green", "blue"]
     assert [v.wall for v in made.scene.views] == ["", "red", "red"] and made.name == "flag"
     assert made.scene.lamps.places == "fixed" and made.scene.piece.bend == 0
-    assert {(v.frame_width_mm, v.ink, v.light_diameter_mm) for v in made.scene.views} == {
-        (120.0, "dark", 3.0)
-    }
-    assert made.parted is not None and made.targets[0].colours_png == made.parted.png
+    assert {(v.frame_width_mm, v.light_diameter_mm) for v in made.scene.views} == {(120.0, 3.0)}
+    assert made.parted is not None and made.targets[0].given == (made.parted.png, ".png")
     # the written scene holds for a build from it: the masks as pictures, and nothing is moved
     files = [tmp_path / f"picture-{v.name}.png" for v in made.scene.views]
     for file, target in zip(files, made.targets, strict=True):
-        file.write_bytes(target.png_bytes)
+        file.write_bytes(encode_mask(target.asked))
     (tmp_path / made.scene.lamps.picture).write_bytes(made.parted.png)
     views = [
         v.model_copy(update={"picture": f.name})
@@ -168,8 +167,8 @@ def test_one_picture_becomes_a_view_for_each_lamp(tmp_path: Path) -> None:
     again = read_lamps(scene, names, BuildOptions(), tmp_path, Progress("quiet"), named=True)
     assert again.scene == scene and again.told == ()
     for one, other in zip(made.targets, again.targets, strict=True):
-        assert (one.mask == other.mask).all() and one.png_bytes == other.png_bytes
-    assert again.targets[0].colours_png == made.parted.png
+        assert (one.mask == other.mask).all()
+    assert again.targets[0].given == made.targets[0].given
 
 
 @pytest.mark.parametrize("crop", [(0, 0, 90, 80), "auto"])

@@ -147,7 +147,7 @@ def test_a_resolved_scene_is_written_whole_and_stays_resolved() -> None:
 def test_frames_follow_the_picture(
     keys: str, shape: tuple[int, int], frame: tuple[float, float]
 ) -> None:
-    target = Target("cat", np.ones(shape, dtype=bool), b"", shape[1], shape[0], ".png")
+    target = Target("cat", np.ones(shape, dtype=bool))
     view = frame_view(parse_scene(f"[[views]]\n{keys}").views[0], target)
     assert view.frame_mm == pytest.approx(frame)
     assert view.longer_mm == pytest.approx(max(frame))

@@ -173,7 +173,7 @@ def test_the_network_draws_two_views_and_its_way_is_proved(begun: str, gain: flo
     ],
 )
 def test_what_makes_no_sense_with_several_views_is_refused(scene: Scene, key: str) -> None:
-    pictures = [Target(n, draw_mask(DISC, 100.0), b"", 200, 200, ".png") for n in ("a", "b")]
+    pictures = [Target(n, draw_mask(DISC, 100.0)) for n in ("a", "b")]
     with pytest.raises(InputError, match=key):
         ask(resolve(scene.model_copy(update={"views": scene_views()})), pictures)
 
@@ -188,7 +188,7 @@ def test_what_makes_no_sense_with_several_views_is_refused(scene: Scene, key: st
     ],
 )
 def test_what_one_view_may_have_several_may_have_too(scene: Scene) -> None:
-    pictures = [Target(n, draw_mask(DISC, 100.0), b"", 200, 200, ".png") for n in ("a", "b")]
+    pictures = [Target(n, draw_mask(DISC, 100.0)) for n in ("a", "b")]
     asked = ask(resolve(scene.model_copy(update={"views": scene_views()})), pictures)
     assert [v.view.name for v in asked.problem.views] == ["v0", "v1"]
     assert asked.problem.knot == scene.piece.knot and len(asked.bounds) == 2
@@ -209,7 +209,7 @@ def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
 def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
     view = see_from(0.0)
     mask = draw_mask(DISC, 100.0)
-    target = Target("disc", mask, b"", 200, 200, ".png")
+    target = Target("disc", mask)
     wanted = mask[::2, ::2]
     upper = np.arange(100)[:, None] < 50
     for covered, area in ((wanted, DISC.area), (wanted & upper, 0.5 * DISC.area)):

@@ -13,11 +13,11 @@ import pytest
 from PIL import Image
 from validator_parts import Array, PlainView, circle, needs_rendering, trefoil, tube
 
+from knotfab.picture.raster import encode_mask
 from knotfab_formats.errors import plain, read_as
 from knotfab_formats.verdict import KNOTS, Verdict
 from knotfab_validators.check import BadFile, skip_check
 from knotfab_validators.files.mesh import read_mesh
-from knotfab_validators.files.picture import read_silhouette
 from knotfab_validators.files.scene import read_knots
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
@@ -52,7 +52,7 @@ def right(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     geometry = view_geometry(VIEW, *PIXELS)
     shadow = shadow_mask(shadow_lines(vertices, faces, geometry), geometry)
-    Image.fromarray(np.where(shadow, 0, 255).astype(np.uint8)).save(tmp_path / "front.png")
+    (tmp_path / "front.png").write_bytes(encode_mask(shadow))
     (tmp_path / "scene.toml").write_text(
         "schema = 1\n[piece]\ntube_radius_mm = 3.0\nclearance_mm = 0.4\n"
         "[material]\nmin_bend_radius_mm = 3.2\n"
@@ -111,7 +111,7 @@ def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path, exact: Verd
     assert (view.width, view.height) == PIXELS
     assert set(view.legibility) == {"15", "30", "45", "60"}
     json.dumps(verdict.to_dict(), allow_nan=False)
-    seen = read_silhouette(folder / "shadow-front.png")
+    seen = np.asarray(Image.open(folder / "shadow-front.png"))
     assert seen.shape == (round(1024 * 780 / 900), 1024)
     assert (folder / "compare-front.png").exists()
     (polygons,) = exact.views  # which give the same numbers as what is rendered
@@ -258,7 +258,7 @@ def write(folder: Path, part: float, knots: float, pose: float) -> Path:
     vertices, faces = tube(curve, 2.0, 16)
     seen = view_geometry(FACING, 256, 256)
     dark = shadow_mask(shadow_lines(vertices, faces, seen), seen)
-    Image.fromarray(np.where(dark, 0, 255).astype(np.uint8)).save(folder / "front.png")
+    (folder / "front.png").write_bytes(encode_mask(dark))
     turn, shift = SHIFTED[:3, :3], SHIFTED[:3, 3]
     body = Body(part * (vertices - shift) @ turn, faces)
     (folder / "part.stl").write_bytes(encode(body, "stl"))

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from knotfab_formats.errors import short
 from knotfab_formats.verdict import (
     FILES,
     PRINTER,
@@ -184,6 +185,10 @@ def conclude_piece(
     if piece.mesh is not None and piece.part is not None:
         asked = ask_unit(piece.mesh, piece.part.name)
         notes += [] if asked is None else [asked]
+    views = tuple(view for half in halves for view in half.views)
+    if views and piece.setting is not None:
+        pictures = " and ".join(short(view.picture) for view in piece.setting.views)
+        notes.append(f"compared with {pictures} as it was read")
     code = exit_code(checks)
     return Verdict(
         status="fail" if code else "pass",
@@ -192,7 +197,7 @@ def conclude_piece(
         size_mm=None if printed is None else size_of(printed),
         notes=tuple(notes),
         checks=tuple(checks),
-        views=tuple(view for half in halves for view in half.views),
+        views=views,
         colours=next((half.colours for half in halves if half.colours is not None), None),
         picture=str(failures) if drawn else None,
         seconds=seconds,

@@ -262,7 +262,7 @@ def test_a_batch_replaces_no_build_of_another_picture(played: Path, tmp_path: Pa
         picture.save(folder / "a.png")
     built = tmp_path / "out" / "a"
     built.mkdir(parents=True)
-    shutil.copy(one / "a.png", built / "picture-front.png")
+    shutil.copy(one / "a.png", built / "given-front.png")
     (built / "report.json").write_text("{}")
     with pytest.raises(InputError, match=r"out/a: it holds what was built from another picture"):
         batch([str(two)], options(tmp_path), spare=require_same_picture)

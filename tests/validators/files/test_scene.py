@@ -13,9 +13,9 @@ from PIL import Image, ImageDraw
 from validator_parts import KNOT, box_mesh
 
 from knotfab.knots import Knot, Knots
-from knotfab_formats.views import Reading
+from knotfab.picture.raster import encode_mask
 from knotfab_validators.check import BadFile
-from knotfab_validators.files.picture import PictureError, read_silhouette, widen_strokes
+from knotfab_validators.files.picture import PictureError, read_mask, widen_strokes
 from knotfab_validators.files.scene import (
     parse_knots,
     parse_scene,
@@ -137,7 +137,7 @@ def test_points_come_back_bit_for_bit_without_a_radius_too(tmp_path: Path) -> No
     assert parse_knots(content).radius_mm is None
 
 
-# Silhouettes of picture files: every kind gives the same mask, and bad ones are refused.
+# The mask that a build wrote is read; anything else is refused.
 
 
 SHAPE = np.zeros((40, 60), dtype=bool)
@@ -145,74 +145,33 @@ SHAPE[8:30, 10:50] = True
 SHAPE[15:20, 20:30] = False
 
 
-def pictures(folder: Path) -> dict[str, Path]:
-    """One file of each kind, all of the same shape."""
-    grey = np.where(SHAPE, 30, 240).astype(np.uint8)
-    rgb = np.where(SHAPE[..., None], [200, 30, 40], [250, 250, 230]).astype(np.uint8)
-    rgba = np.dstack([np.full((*SHAPE.shape, 3), 90, np.uint8), SHAPE.astype(np.uint8) * 255])
-    palette = Image.fromarray(grey).convert("P")
-    clear = Image.fromarray(SHAPE.astype(np.uint8), mode=None).convert("L").convert("P")
-    images = {
-        "grey.png": Image.fromarray(grey),
-        "grey.bmp": Image.fromarray(grey),
-        "rgb.png": Image.fromarray(rgb),
-        "rgb.webp": Image.fromarray(rgb),
-        "rgb.jpg": Image.fromarray(rgb),
-        "rgba.png": Image.fromarray(rgba),
-        "la.png": Image.fromarray(rgba).convert("LA"),
-        "opaque-rgba.png": Image.fromarray(rgb).convert("RGBA"),
-        "palette.png": palette,
-        "deep.png": Image.fromarray(np.where(SHAPE, 100, 700).astype(np.uint16)),
-        "bilevel.png": Image.fromarray(grey > 127),
-    }
-    for name, image in images.items():
-        image.save(folder / name, quality=100, lossless=True)
-    clear.save(folder / "clear-palette.png", transparency=0)
-    return {name: folder / name for name in [*images, "clear-palette.png"]}
+def test_a_mask_is_read_pixel_by_pixel(tmp_path: Path) -> None:
+    for mask in (SHAPE, ~SHAPE, SHAPE[:, :13]):
+        (tmp_path / "a.png").write_bytes(encode_mask(mask))
+        np.testing.assert_array_equal(read_mask(tmp_path / "a.png"), mask)
 
 
-def test_every_kind_of_file_gives_the_same_silhouette(tmp_path: Path) -> None:
-    for name, path in pictures(tmp_path).items():
-        np.testing.assert_array_equal(read_silhouette(path), SHAPE, err_msg=name)
-        np.testing.assert_array_equal(
-            read_silhouette(path, Reading(invert=True)), ~SHAPE, err_msg=name
-        )
-
-
-def test_alpha_counts_from_one_half(tmp_path: Path) -> None:
-    rgba = np.zeros((1, 4, 4), dtype=np.uint8)
-    rgba[0, :, 3] = [0, 127, 128, 255]
-    Image.fromarray(rgba).save(tmp_path / "a.png")
-    assert read_silhouette(tmp_path / "a.png").tolist() == [[False, False, True, True]]
-
-
-def test_half_contrast_is_that_of_the_largest_difference(tmp_path: Path) -> None:
-    grey = np.full((5, 5), 200, dtype=np.uint8)
-    grey[2, 1:4] = [100, 149, 151]  # the largest difference is 100: more than 50 counts
-    Image.fromarray(grey).save(tmp_path / "g.png")
-    assert read_silhouette(tmp_path / "g.png")[2].tolist() == [False, True, True, False, False]
-
-
-def test_a_plain_picture_has_no_silhouette(tmp_path: Path) -> None:
-    Image.fromarray(np.full((9, 9), 255, dtype=np.uint8)).save(tmp_path / "white.png")
-    assert not read_silhouette(tmp_path / "white.png").any()
-
-
-def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
-    good = tmp_path / "good.png"
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (64, 64), np.uint8)).save(good)
-    (tmp_path / "cut.png").write_bytes(good.read_bytes()[:900])
+def test_what_is_no_mask_is_refused(tmp_path: Path) -> None:
+    good = encode_mask(np.random.default_rng(0).random((64, 64)) < 0.5)
+    (tmp_path / "cut.png").write_bytes(good[:200])
     (tmp_path / "text.png").write_text("not a picture")
     for name in ("none.png", "cut.png", "text.png", "."):
         with pytest.raises(PictureError):
-            read_silhouette(tmp_path / name)
+            read_mask(tmp_path / name)
+    for image in (Image.fromarray(~SHAPE), Image.fromarray(~SHAPE).convert("L")):
+        image.save(tmp_path / "old.png")
+        with pytest.raises(PictureError, match=r"knotfab 1\.x: build it again with --scene"):
+            read_mask(tmp_path / "old.png")
+    for key, value in (("invert", True), ("crop_px", [0, 0, 9, 9]), ("ink", "dark")):
+        with pytest.raises(BadFile, match=r"knotfab 1\.x: build it again with --scene"):
+            parse_scene({"views": [{key: value}]})
 
 
 def test_a_pipe_is_no_picture(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "front.png")
-    for path in (tmp_path / "front.png", Path("/dev/zero"), tmp_path):
+    for path in (tmp_path / "front.png", Path("/dev/zero")):
         with pytest.raises(PictureError, match="not a plain file"):
-            read_silhouette(path)
+            read_mask(path)
 
 
 # A shadow of strokes that were widened is judged by them; `iou` stays that with the picture

@@ -7,7 +7,7 @@ import pytest
 from reports import recognition
 
 from knotfab_validators.check import BadFile
-from knotfab_validators.files.colours import Bent
+from knotfab_validators.files.picture import Bent
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.verdict_rules import BENT, UNKNOWN, WORDS, judge_bending
 

@@ -94,8 +94,11 @@ def parse_scene(
         about = "" if error.what == name else f"{error.what}: "
         raise BadFile(f"{name}: {about}{error.why}") from error
     for view in scene.views:
-        if view.crop_px is None:
-            raise BadFile(f'{name}: crop_px is "auto"; a scene that a build wrote has numbers')
+        if view != view.as_written():
+            raise BadFile(
+                f"{name}: view {view.name} says how to read its picture: written by knotfab 1.x: build it "
+                "again with --scene"
+            )
     region, update = scene.region, dict[str, Any]()
     if (region.file is not None) != (region.kind == "mesh"):
         raise BadFile(f"{name}: [region] file goes with kind mesh, and with no other kind")

@@ -11,7 +11,7 @@ from knotfab_formats.verdict import SHADOWS, Check, Colours
 from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import at_least, at_most, skip_check, time_stage
-from knotfab_validators.files.colours import bend_of
+from knotfab_validators.files.picture import bend_of
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.colours import (
@@ -137,6 +137,7 @@ def _check(
         mount=scene.mount.kind,
         bars=scene.piece.supports == "none",
         changed={view.name: _say_prepared(view) for view in scene.views},
+        pictures={view.name: view.picture for view in scene.views},
     )
     half_lit: dict[str, float] = {}  # IoU of the picture with the half-light shadow, by view
     for one in seen:
@@ -183,13 +184,15 @@ def shadow_checks(
     polygons_decide: bool,
     mount: str = "none",
     changed: Mapping[str, str] | None = None,
+    pictures: Mapping[str, str] | None = None,
     bars: bool = False,
 ) -> list[Check]:
     """Make the shadow checks; each takes the worst view, and its detail names it.
 
     `shadow`: IoU of the rendered shadow and the picture, at least `iou_floor` (None: no floor is
     asked); what a stand darkens beside the tube is left out, for `intrusion` says it, and the
-    picture is changed as its view has it drawn (`changed` says how, by the view's name). Where
+    picture (a file of `pictures`, by the view's name) is changed as its view has it drawn (`changed` says
+    how). Where
     nothing was rendered (`no_rendering` says why) it is skipped, though required, unless
     `polygons_decide`. `shadow_exact`: pixels at which rendering and exact polygons disagree away
     from the outline, at most 0. `outline`: distance from the exact tube's shadow. `vertices` (n, 3)
@@ -200,7 +203,9 @@ def shadow_checks(
     information.
     """
     checks = [
-        _check_shadow(views, iou_floor, no_rendering, polygons_decide, mount, changed or {}),
+        _check_shadow(
+            views, iou_floor, no_rendering, polygons_decide, mount, changed or {}, pictures or {}
+        ),
         _check_exact(views, no_rendering),
         _check_outline(views, vertices, max_outline_px),
     ]
@@ -216,6 +221,7 @@ def _check_shadow(
     polygons_decide: bool,
     mount: str,
     changed: Mapping[str, str],
+    pictures: Mapping[str, str],
 ) -> Check:
     if no_rendering is not None and not polygons_decide:
         return skip_check("shadow", no_rendering, required=True)
@@ -227,7 +233,8 @@ def _check_shadow(
         views[name].judged.iou,
         iou_floor,
         "",
-        f"IoU of the file's shadow and the picture, view {name} ({by})"
+        f"IoU of the file's shadow, compared with {pictures.get(name, 'the picture')} as it was read, "
+        f"view {name} ({by})"
         + (f", {how}; with the picture as it is {views[name].whole.iou:.4f}" if how else "")
         + (", without what its mount darkens" if mount in ("stand", "hang") else "")
         + ("" if iou_floor is not None else "; no floor is asked"),

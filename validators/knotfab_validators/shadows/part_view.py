@@ -14,8 +14,13 @@ from knotfab_formats.verdict import Layers, Misplacement, Recognition, Told
 from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import time_stage
-from knotfab_validators.files.colours import Bent, bend_of, bend_silhouette
-from knotfab_validators.files.picture import read_silhouette, widen_strokes
+from knotfab_validators.files.picture import (
+    Bent,
+    bend_of,
+    bend_silhouette,
+    read_mask,
+    widen_strokes,
+)
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh, move_points
 from knotfab_validators.shadows.compare import depth_ratio, overlap
@@ -132,7 +137,7 @@ def see_view(
     """
     scene, folder = part.scene, part.folder
     with time_stage(part.seconds, f"view {view.name}"):
-        target = read_silhouette(folder / view.picture, view)
+        target = read_mask(folder / view.picture)
         if before and scene.share_wall and target.shape != before[0].target.shape:
             raise ValueError(f"{view.picture}: pictures of lamps on one wall have one size")
         geometry = view_geometry(view, target.shape[1], target.shape[0])

@@ -11,7 +11,7 @@ from knotfab_formats.verdict import WORDS, Check, Recognition, Status, View
 from knotfab_validators.check import skip_check
 
 if TYPE_CHECKING:
-    from knotfab_validators.files.colours import Bent
+    from knotfab_validators.files.picture import Bent
 
 
 @dataclass(frozen=True)
