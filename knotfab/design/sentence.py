@@ -68,7 +68,7 @@ def _describe_losses(seen: ViewSurvey, found: Survey) -> str:
     longest = max(losses, key=lambda loss: loss.extent)
     x, y = seen.target.to_picture(longest.at)
     letters = seen.target.letters_at(loss.at for loss in losses) if found.small is None else ""
-    named = f" ({letters})" if letters and len(seen.target.letters) > 1 else ""
+    named = f" ({letters})" if letters and len(seen.target.letters or ()) > 1 else ""
     long, thick = (seen.wall_mm_per_px * one for one in (longest.extent, longest.thickness))
     size = f"up to {long:.1f} × {thick:.1f} mm at ({x:.0f}, {y:.0f}) px"
     return f"{with_noun(len(losses), 'part')}{named}, {size}"

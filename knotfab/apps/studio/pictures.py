@@ -96,7 +96,7 @@ def keep_text(content: str, folder: Path, font: str | None = None) -> StudioPict
     if not 0 < len(content) <= 40:  # characters
         raise InputError("the text", f"it has {len(content)} characters", "Give 1 to 40.")
     source = TEXT_PREFIX + content
-    image, _ = raster.decode(text.render_text(content, font), source)
+    image, _ = raster.decode(text.render_text(content, font)[0], source)
     path = _save_picture(content.encode(), name_picture(source), ".txt", folder)
     _keep_thumbnail(image, path)
     size = {"width": image.width, "height": image.height}
