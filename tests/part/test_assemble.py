@@ -111,7 +111,7 @@ def model_of(path: Path) -> str:
 
 
 def written(tmp_path: Path, count: int, colours: bool, suffix: str) -> Path:
-    asked, drawn = np.array([[True, False]]), np.array([[True, True]])  # as it was read, and wider
+    asked, drawn = np.eye(4, dtype=bool), np.ones((4, 4), dtype=bool)  # as it was read, and wider
     given, change = Given(b"picture", ".jpg"), Change(asked, drawn)
     target = Target("heart", drawn, given=given, change=change)
     about = About(title="Heart & co", licence="CC0") if suffix else About()
@@ -130,7 +130,7 @@ def test_the_files_of_a_piece(tmp_path: Path, suffix: str) -> None:
     names = {f"part{suffix}.{kind}" for kind in ("stl", "3mf", "glb")}
     names |= {f"knots{suffix}.json", f"scene{suffix}.toml"}
     assert {p.name for p in out.iterdir()} == {*names, "picture-front.png", "given-front.jpg"}
-    assert read_mask(out / "picture-front.png").tolist() == [[True, False]]
+    assert read_mask(out / "picture-front.png").tolist() == np.eye(4, dtype=bool).tolist()
     assert (out / "given-front.jpg").read_bytes() == b"picture"
     assert load_scene(out / f"scene{suffix}.toml").pose == make_pose(np.eye(4))
     model = model_of(out / f"part{suffix}.3mf")
@@ -167,7 +167,7 @@ def test_knots_without_a_part_are_as_large_as_their_pose_says(
     keys: Any = {"views": (PICTURED,), "material": Material(shrinkage_percent=percent)}
     own = Knots((Knot(20 * np.random.default_rng(0).normal(size=(30, 3))),), 2.0)
     made: Any = SimpleNamespace(scene=resolve(Scene(**keys)), knots=own)
-    target = Target("heart", np.array([[True, False]]), given=Given(b"picture", ".jpg"))
+    target = Target("heart", np.eye(4, dtype=bool), given=Given(b"picture", ".jpg"))
     with OutputFolder(tmp_path / "out") as folder:
         write_unbuilt(folder, made, [target])
         folder.commit()
