@@ -211,9 +211,8 @@ def _read_target(
             for k, (sign, left, right) in enumerate(text.find_letters(content, font))
         )
         notes = text.tell_other_fonts(content, font) + target.notes
-        rule = f"{target.rule} [in {', '.join(fonts)}]"
-        named = {"title": title_of(content.strip()), "rule": rule, "notes": notes}
-        return replace(target, letters=letters, **named)
+        rule, title = f"{target.rule} [in {', '.join(fonts)}]", title_of(content.strip())
+        return replace(target, letters=letters, title=title, rule=rule, notes=notes)
     data, path = read_source(source, base)
     is_svg = _is_drawn(data, path)
     pixels, notes = render_svg(data, what) if is_svg else (data, ())
