@@ -232,11 +232,9 @@ def plan_bars(
         return [bars[n] for n in kept], np.array(lacking).reshape(-1, 3)
 
     tied = np.zeros(len(legs))
-    found = tie_legs(thrifty)
-    if thrifty and len(found[1]):
-        # a bar lower down may leave its leg out of reach of the next one
-        found = min(found, tie_legs(False), key=lambda one: len(one[1]))
-    return found
+    # a bar lower down may leave its leg out of reach of the next one
+    tried = [tie_legs(False), *([tie_legs(True)] if thrifty else [])]
+    return min(tried, key=lambda one: (len(one[1]), len(one[0])))
 
 
 def _drop_spare(

@@ -59,14 +59,18 @@ def _suit_roots(scene: ResolvedScene, targets: Sequence[Target]) -> bool:
 def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, str] | None:
     """Say why the bed is too small for a piece that stands with the light's axis up, and the remedy.
 
-    None if the pictures, taken at the middle of the piece, fit the bed; the strands' feet may reach farther.
+    None if the pictures, taken at the middle of the piece, fit the bed, with all of their frame for a full
+    plate; the strands' feet may reach farther.
     """
     # imported only now, so that most builds begin without waiting for it
     from knotfab.part.pose import fits_upright
 
     room, height = scene.printer.build_volume_mm, scene.piece.depth or 0.0
+    full = scene.mount.on_feet and scene.mount.plate == "full"
     for target in targets:
-        outline = _trace_rows(target) / frame_view(scene.views[0], target).px_per_mm(target.width)
+        corners = np.array([[x, y] for x in (0.0, target.width) for y in (0.0, target.height)])
+        outline = corners if full else _trace_rows(target)
+        outline = outline / frame_view(scene.views[0], target).px_per_mm(target.width)
         if not fits_upright(outline, height, room):
             across, down = np.ptp(outline, axis=0)
             return (
