@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table demo lines test tests all-tests test-quick wheel-test docs gallery lint outside-suites feature-table effects-table traced-colours bending-table paper-table paper-ablations validator-table verdict-table mutations frontier worst-cases batch-throughput system slicer browser viewer pictures typed-pages clean studio-times
+.PHONY: accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table demo lines test tests all-tests test-quick wheel-test docs gallery lint outside-suites feature-table effects-table traced-colours paper-table paper-ablations validator-table verdict-table mutations frontier worst-cases system slicer browser viewer pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -113,10 +113,6 @@ outside-suites: system $(DONE)
 feature-table: system slicer $(DONE)
 	$(BIN)/python -m benchmarks.features --out out/feature-table --write docs/features.md
 
-# how far pictures are bent until they agree, with no search (about 2 min)
-bending-table: $(DONE)
-	$(BIN)/python -m benchmarks.bending_table --out out/bending
-
 # magnitudes of effects against brute force, soft shadows against Mitsuba 3 where it finds an LLVM (apt-get
 # install libllvm19, DRJIT_LIBLLVM_PATH)
 effects-table: system $(DONE)
@@ -134,9 +130,9 @@ paper-table: system $(DONE)
 paper-ablations: $(DONE)
 	$(BIN)/python -m paper.ablations
 
-# thickness against exact values, broken and good parts, forged and honest pieces, hostile files (about 10 min)
+# forged and honest pieces, hostile files (about 10 min); tests/validators has thickness, broken and good parts
 validator-table: system $(DONE)
-	@failed=0; for table in thickness_table corpus_table forgery_table fuzz_files; do \
+	@failed=0; for table in forgery_table fuzz_files; do \
 	  $(BIN)/python -m benchmarks.$$table || failed=1; done; exit $$failed
 
 # thirty pictures as people bring them, built with default options: a person's word against the verdict's;
@@ -161,19 +157,9 @@ mutations: system $(DONE)
 frontier: $(DONE)
 	$(BIN)/python -m benchmarks.frontier --write docs
 
-# pictures an hour of a batch, of single builds and of a cluster that loses a worker (about 50 min on a quiet machine);
-# as in make batch-throughput PICTURES=6 OPTIONS='--accuracy draft --skip slicer'
-PICTURES ?= 40
-batch-throughput: system $(DONE)
-	$(BIN)/python -m benchmarks.batch_throughput --pictures $(PICTURES) $(OPTIONS)
-
 # renderers, losses, terms, network, certificates and bounds of effects searched for worse cases (an hour)
 worst-cases: $(DONE)
 	KNOTFAB_EXAMPLES=2000 $(BIN)/python -m pytest --timeout 3600 tests/benchmarks/hard/test_values.py -k no_search
-
-# a studio that reads a picture without end, or builds: how soon it answers others, and ends after Ctrl-C (a minute)
-studio-times: $(DONE)
-	$(BIN)/python -m benchmarks.studio_times
 
 # the viewer of report and studio, bundled from web/ with three.js: knotfab/report/viewer (needs node)
 viewer:
