@@ -27,10 +27,9 @@ from examples.pictures import pictures
 from knotfab.apps.paper.outlines import render_outlines
 from knotfab.base.arrays import Array
 from knotfab.picture.silhouette import resample_mask
-from paper.camera import PaperCamera, camera_around
+from paper.camera import Curve, camera_around, circle, even_ring, paper_camera
 from paper.losses import Region, box, squared_curvature
 from paper.optimise import PaperView, iou, search_paper
-from paper.ring import Curve, circle, even_ring
 from paper.settings import PAPER, PaperSettings
 
 PIXELS = 64
@@ -75,7 +74,7 @@ def _picture(name: str) -> Tensor:
 
 def _frame() -> Tensor:
     """Return a rectangle's outline as wide as the tube is in the template's plane."""
-    camera = PaperCamera(width=PIXELS, height=PIXELS)
+    camera = paper_camera(width=PIXELS, height=PIXELS)
     s = even_ring(800) * 8
     side, along = s.floor().long() % 8 // 2, (s / 2) % 1 * 2 - 1
     one = torch.ones_like(along)
@@ -86,7 +85,7 @@ def _frame() -> Tensor:
 
 
 def _views(target: Tensor) -> list[PaperView]:
-    return [PaperView(PaperCamera(width=PIXELS, height=PIXELS), target)]
+    return [PaperView(paper_camera(width=PIXELS, height=PIXELS), target)]
 
 
 def _viviani(places: Tensor, apart: float = 0.0) -> Tensor:
@@ -175,7 +174,7 @@ def _mobius(base: PaperSettings) -> Iterator[Row]:
 
 def _renderings(pairs: list[tuple[str, int, float]]) -> Iterator[Row]:
     """Yield the template's circle at depth 3, at the paper's radius and size: (label, samples, tau) each."""
-    camera = PaperCamera()
+    camera = paper_camera()
     ring = circle(1.0, (0.0, 0.0, 3.0))
     full = ring(even_ring(4000))
     exact = (render_outlines(full, full.roll(-1, 0), camera, PAPER.radius, 1e4) > 0.5).double()

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from benchmarks.measurement import Stopwatch
-from knotfab.apps.paper.outlines import REACH, Won, render_outlines, winners
+from knotfab.apps.paper.outlines import REACH, Pinhole, Won, render_outlines, winners
 from knotfab.base.errors import SceneError
 from knotfab.search.optimizer import Adam, one_thread
 from knotfab_formats.errors import InputError
-from paper.camera import PaperCamera
+from paper.camera import Curve, circle, even_ring, random_ring
 from paper.losses import (
     Region,
     bending_loss,
@@ -29,7 +29,6 @@ from paper.losses import (
     occupancy_loss,
     random_pairs,
 )
-from paper.ring import Curve, circle, even_ring, random_ring
 from paper.settings import PAPER, PaperSettings
 
 
@@ -37,7 +36,7 @@ from paper.settings import PAPER, PaperSettings
 class PaperView:
     """A camera and the picture that it is to see: coverage [height, width] in 0 .. 1."""
 
-    camera: PaperCamera
+    camera: Pinhole
     target: Tensor
 
 

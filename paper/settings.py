@@ -11,7 +11,7 @@ class PaperSettings(BaseModel):
     """Every number of the paper's search; lengths in its own unit. The defaults are the preset `paper`.
 
     The paper's supplement, Tables 1 and 2 and "Hyper-parameters"; the camera's row is the default of
-    `PaperCamera`. It does not say what `iterations` and `template_middle` are: its released code runs
+    `paper_camera`. It does not say what `iterations` and `template_middle` are: its released code runs
     25,000, and the eye at the origin must have the template in front of it.
     """
 

@@ -41,7 +41,6 @@ SECTIONS: dict[str, Section] = {
     "walk": Section("a sequence of twelve frames", "examples.walk_cycle", 3),
     "film": Section("the film of a search", "examples.search_film", 1, ("text:♞", "{out}.gif")),
     "free": Section("the view as an unknown", "paper.free_view", 3, ()),
-    "sphere": Section("a deformed sphere mesh on pictures with holes", "paper.sphere_mesh", 3),
     "ablations": Section("the paper's ablations, scaled down", "paper.ablations", 25),
 }
 

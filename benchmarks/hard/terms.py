@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from knotfab.apps.paper.outlines import render_outlines, signed_distance
+from knotfab.apps.paper.outlines import Pinhole, render_outlines, signed_distance
 from knotfab.base.arrays import Array
 from knotfab.geometry.measures import find_neighbours
 from knotfab.geometry.polylines import polylines_of_sizes
@@ -25,7 +25,7 @@ from knotfab.limits.terms import Limits, State
 from knotfab.render.device import known
 from knotfab.search.objective import Grace, Weights
 from knotfab_formats.scene import SettledRegion
-from paper.camera import PaperCamera
+from paper.camera import paper_camera
 
 from .measure import EPSILONS
 from .pictures import circle, torus_knot
@@ -211,10 +211,10 @@ def applies(case: RenderCase) -> bool:
     return min(case.width, case.height) >= 2 and case.radius > 0
 
 
-def _camera(case: RenderCase) -> PaperCamera:
+def _camera(case: RenderCase) -> Pinhole:
     half = (0.5 * case.step * (case.width - 1), 0.5 * case.step * (case.height - 1))
     near = max(1.5 * case.radius, 1e-9)
-    return PaperCamera(
+    return paper_camera(
         case.eye,
         focal=(*half, 1.0),
         near=near,

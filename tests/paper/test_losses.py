@@ -20,6 +20,7 @@ from knotfab.render.tiled import render_tiled
 from knotfab.search.free_pose import Bounds, turn_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import BRAIDS
+from paper.camera import circle, even_ring, random_ring
 from paper.curves import closed_braid
 from paper.fit_view import fit_view
 from paper.losses import (
@@ -34,7 +35,6 @@ from paper.losses import (
     random_pairs,
     squared_curvature,
 )
-from paper.ring import circle, even_ring, random_ring
 from paper.table import SECTIONS
 from paper.tighten import tighten
 from tests.corpus.curves import torus_knot

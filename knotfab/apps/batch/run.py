@@ -31,7 +31,6 @@ from knotfab.base.pool import JOB_GB, count_jobs
 from knotfab.base.progress import Progress
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.report.page import make_environment
-from knotfab.report.summary import tell_share
 from knotfab_formats.errors import InputError, spelled
 
 POOR = ("coarse", "not recognisable")  # words of a verdict that no green "passed" may hide
@@ -52,8 +51,7 @@ class _Record(BaseModel):
     seconds: float
     iou: float | None
     verdict: str | None
-    alike: float | None
-    warnings: list[str]
+    rows: list[dict[str, str]]
     reported: bool
     error: str
     key: str
@@ -168,9 +166,7 @@ def _build_all(
     workers = client.scheduler_info(n_workers=-1)["workers"].values()
     share = max(1, count_jobs() // sum(w["nthreads"] for w in workers)) if here else 1
     tagged = bool(workers) and all(_MEMORY in w["resources"] for w in workers)
-    # retried if the worker is lost
-    named: dict[str, Any] = {"pure": False, "retries": 3}
-    named |= {"resources": {_MEMORY: JOB_GB * 1e9}} if tagged else {}
+    resources = {_MEMORY: JOB_GB * 1e9} if tagged else None
     lines: dict[str, ExitStack] = {}
 
     def begun(event: tuple[Any, str]) -> None:
@@ -180,7 +176,16 @@ def _build_all(
     client.subscribe_topic(topic, begun)
     place = folder.absolute()
     futures = {
-        client.submit(build_on_worker, task, place / task.name, share, topic, **named): task
+        client.submit(  # again if the worker is lost
+            build_on_worker,
+            task,
+            place / task.name,
+            share,
+            topic,
+            pure=False,
+            retries=3,
+            resources=resources,
+        ): task
         for task in tasks
     }
     try:
@@ -292,20 +297,14 @@ def _write(folder: Path, tasks: Sequence[Task], records: dict[str, Record]) -> f
 
 
 def _tell(record: Record) -> str:
-    text = f"{record['name']} {_alike(record)}{record['seconds']:.0f} s"
-    text += f", {record['verdict']}" if record["verdict"] in POOR else ""
-    text += "".join(f"; warning: {one}" for one in record["warnings"])
-    return text + (f": {record['error']}" if record["exit_code"] else "")
+    said = [row["text"] for row in record["rows"]] or [record["error"]]
+    return f"{record['name']} {record['seconds']:.0f} s: {'; '.join(filter(None, said)) or 'built'}"
 
 
 def _tell_left(seconds: float) -> str:
     if not seconds:
         return ""
     return f" ({seconds / 60:.0f} min left)" if seconds >= 90 else f" ({seconds:.0f} s left)"
-
-
-def _alike(record: Record) -> str:
-    return "" if record["alike"] is None else f"{tell_share(record['alike'])} alike, "
 
 
 def render_index(records: Sequence[Record], folder: Path) -> str:
@@ -319,17 +318,14 @@ def render_index(records: Sequence[Record], folder: Path) -> str:
 def _card(record: Record, folder: Path) -> dict[str, Any]:
     place = folder / record["name"] / (REJECTED if record["exit_code"] == 1 else "")
     built = record["exit_code"] in (0, 1) and record["reported"]
-    word, passed, poor = record["verdict"], record["exit_code"] == 0, record["verdict"] in POOR
-    ended = "passed" if passed else "failed"
-    if word:
-        ended += f", but {word}" if passed and poor else f", {word}"
+    word, passed = record["verdict"], record["exit_code"] == 0
+    poor = word in POOR or any(row["status"] == "warn" for row in record["rows"])
     files = sorted(place.glob("compare-*.png"))[:3] if built else []
     shown = [quote(path.relative_to(folder).as_posix()) for path in (*files, place / "report.html")]
     return {
         **record,
-        "alike": _alike(record),
-        "colour": "fail" if not passed else "warn" if poor or record["warnings"] else "pass",
-        "ended": ended,
+        "colour": "fail" if not passed else "warn" if poor else "pass",
+        "ended": ", ".join(filter(None, ["passed" if passed else "failed", word])),
         "pictures": shown[:-1],
         "report": shown[-1] if built and (place / "report.html").is_file() else None,
     }

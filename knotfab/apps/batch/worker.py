@@ -21,7 +21,6 @@ from knotfab.base.pool import ONE_THREAD, Crash, Workers
 from knotfab.picture.source import TEXT_PREFIX, is_picture, name_picture
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.values import as_text
-from knotfab.report.summary import told_iou
 from knotfab_formats.errors import InputError, shown, spelled
 
 _ENDINGS = (0, 1, 2, 3, 130)  # exit codes of the contract; with any other the build was killed
@@ -29,6 +28,8 @@ _FILES = ("scene", "start", "printer", "material", "font")  # options that may n
 _MOST_READ = 2**30  # bytes; a larger file is known by size and time alone
 _OWN = ("out", "quiet", "verbose")  # options that a batch sets itself
 
+
+_PRESSING = ("fail", "warn")  # rows of a report that a batch tells, with its likeness
 
 Record = dict[str, Any]  # of a picture's build: keys as docs/contract.md lists them
 
@@ -137,11 +138,14 @@ def run_apart(
 def record_of(
     task: Task, code: int, seconds: float, error: str, report: dict[str, Any] | None = None
 ) -> Record:
-    """Return the record of a picture: how its build ended, and figures of its report."""
+    """Return the record of a picture: how its build ended, and what of its report presses."""
     found = report or {}
-    mount = (found.get("print") or {}).get("mount") or {}
     views = [view for view in found.get("views", ()) if view.get("iou") is not None]
-    stands = mount.get("kind") == "stand"
+    rows = [
+        row
+        for row in found.get("rows") or ()
+        if row["status"] in _PRESSING or row["name"] == "likeness"
+    ]
     return {
         "name": task.name,
         "picture": spelled(task.picture),
@@ -149,8 +153,7 @@ def record_of(
         "seconds": round(seconds, 2),
         "iou": min((view["iou"] for view in views), default=None),
         "verdict": (found.get("verdict") or {}).get("word"),
-        "alike": min((told_iou(v["iou"], v.get("iou_frame"), stands) for v in views), default=None),
-        "warnings": list(found.get("warnings") or ()),
+        "rows": [{"status": row["status"], "text": row["text"]} for row in rows],
         "reported": report is not None,
         "error": error,
         "key": task.key,

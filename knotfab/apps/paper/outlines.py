@@ -6,8 +6,10 @@ distance. They run only in torch, in double precision, which conics need.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from math import hypot
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -27,40 +29,31 @@ from knotfab.render.silhouette import Frame, least_depth, number
 
 
 @dataclass(frozen=True)
-class _Eye:
-    """The `Pinhole` of a frame of tensors, with the image plane at depth 1."""
+class Pinhole:
+    """A pinhole camera, x right, y down, z away from the eye, in any unit of length.
 
-    frame: Frame
-    near: float  # mm; spheres are seen that lie wholly beyond
+    `local` maps world to camera coordinates, [..., 3]. `focal` are half the picture's width and height on the
+    image plane, and the plane's depth. `pitch` is the distance of neighbouring pixel centres there, and
+    `corner` the place of the first, in pitches. What lies before `near` or beyond `far` is not seen.
+    """
+
+    local: Callable[[Tensor], Tensor]
+    focal: tuple[float, float, float]
+    width: int
+    height: int
+    pitch: tuple[float, float]
+    corner: tuple[float, float]
+    near: float
     far: float = 1e9  # not infinity, which would have no gradient
 
-    @property
-    def width(self) -> int:
-        return self.frame.width
-
-    @property
-    def height(self) -> int:
-        return self.frame.height
-
-    @property
-    def pitch(self) -> float:
-        """The side of a pixel on the image plane."""
-        return number(self.frame.step)
-
-    @property
-    def focal(self) -> tuple[float, float, float]:
-        return 0.5 * self.width * self.pitch, 0.5 * self.height * self.pitch, 1.0
-
-    def local(self, points: Tensor) -> Tensor:
-        found: Tensor = self.frame.local(points)
-        return found
-
     def plane(self, u: Tensor, v: Tensor) -> Tensor:
-        u0, v0 = number(self.frame.u0), number(self.frame.v0)
-        return torch.stack([(u + u0) * self.pitch, (v + v0) * self.pitch], -1)
+        """Map pixel columns and rows [...] to points [..., 2] of the image plane (the paper's set Q)."""
+        places = zip((u, v), self.corner, self.pitch, strict=True)
+        return torch.stack([(at + first) * pitch for at, first, pitch in places], -1)
 
     def half_diagonal(self, pixels: int) -> float:
-        return float(np.sqrt(0.5)) * (pixels - 1) * self.pitch
+        """Return half the diagonal between the pixel centres of a square, on the image plane."""
+        return 0.5 * (pixels - 1) * hypot(*self.pitch)
 
 
 @dataclass(frozen=True)
@@ -87,7 +80,7 @@ class OutlineImage:
     def find_winners(self, points: Real, rings: Polylines, radius: float, reach_px: float) -> Won:
         """Find which primitive is largest at each pixel within reach of one."""
         eye = self._eye(radius)
-        return winners(*self._ends(points, rings), eye, radius, reach_px * eye.pitch)
+        return winners(*self._ends(points, rings), eye, radius, reach_px * eye.pitch[0])
 
     def render(
         self, points: Real, rings: Polylines, radius: float, tau: float, cutoff: float
@@ -101,10 +94,14 @@ class OutlineImage:
         self, p: Tensor, q: Tensor, radius: float, tau: float, cutoff: float, won: Won | None = None
     ) -> Tensor:
         eye, ends = self._eye(radius), None if self.renderer == "ellipse" else q
-        return render_outlines(p, ends, eye, radius, tau / eye.pitch, cutoff, won)
+        return render_outlines(p, ends, eye, radius, tau / eye.pitch[0], cutoff, won)
 
-    def _eye(self, radius: float) -> _Eye:
-        return _Eye(self.frame, least_depth(radius) - radius)
+    def _eye(self, radius: float) -> Pinhole:
+        """Return the camera of the frame, with the image plane at depth 1; whole spheres are seen."""
+        f, pitch = self.frame, number(self.frame.step)
+        focal = 0.5 * f.width * pitch, 0.5 * f.height * pitch, 1.0
+        size, corner = (f.width, f.height), (number(f.u0), number(f.v0))
+        return Pinhole(f.local, focal, *size, (pitch, pitch), corner, least_depth(radius) - radius)
 
     def _ends(self, points: Real, rings: Polylines, slopes: bool = False) -> tuple[Tensor, Tensor]:
         p = torch.as_tensor(points, dtype=self.target.dtype)
@@ -128,35 +125,6 @@ _EMPTY = -1e9  # signed distance to nothing
 _TINY = 1e-30
 
 Won = tuple[Tensor, Tensor]  # indices of pixels, and of the primitive that wins each
-
-
-class Pinhole(Protocol):
-    """The camera of these images: x right, y down, z away from the eye, in any unit of length."""
-
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def focal(self) -> tuple[float, float, float]:
-        """Half the picture's width and height on the image plane, and the plane's depth."""
-        ...
-
-    @property
-    def near(self) -> float: ...
-    @property
-    def far(self) -> float: ...
-    def local(self, points: Tensor) -> Tensor:
-        """Map world to camera coordinates, [..., 3]."""
-        ...
-
-    def plane(self, u: Tensor, v: Tensor) -> Tensor:
-        """Map pixel columns and rows [...] to points [..., 2] of the image plane."""
-        ...
-
-    def half_diagonal(self, pixels: int) -> float:
-        """Return half the diagonal between the pixel centres of a square, on the image plane."""
-        ...
 
 
 def winners(

@@ -40,20 +40,27 @@ def options(tmp_path: Path, **more: object) -> BuildOptions:
 
 
 ENDS = {
-    "faithful": ((0, "faithful", []), ("pass", "passed, faithful")),
-    "coarse": ((0, "coarse", []), ("warn", "passed, but coarse")),
-    "unsure": ((0, "good", ["a: unsure; --ink light"]), ("warn", "passed, good")),
-    "failed": ((1, "coarse", []), ("fail", "failed, coarse")),
+    "faithful": ((0, "faithful", "info"), ("pass", "passed, faithful")),
+    "coarse": ((0, "coarse", "info"), ("warn", "passed, coarse")),
+    "unsure": ((0, "good", "warn"), ("warn", "passed, good")),
+    "failed": ((1, "coarse", "fail"), ("fail", "failed, coarse")),
 }
 
 
 @pytest.mark.parametrize("kind", ENDS)
 def test_the_page_hides_nothing_behind_passed(kind: str, tmp_path: Path) -> None:
-    (code, word, warnings), (colour, ended) = ENDS[kind]
-    record = record_of(Task("a", "a.png", "a.png", (), ""), code, 1.0, "", {"warnings": warnings})
-    page = render_index([{**record, "verdict": word}], tmp_path)
+    (code, word, status), (colour, ended) = ENDS[kind]
+    rows = [
+        {"name": "likeness", "status": "info", "text": "97% alike"},
+        {"name": "ink", "status": status, "text": "a: unsure"},
+        {"name": "note", "status": "info", "text": "nothing that presses"},
+    ]
+    report = {"rows": rows, "verdict": {"word": word}}
+    record = record_of(Task("a", "a.png", "a.png", (), ""), code, 1.0, "", report)
+    page = render_index([record], tmp_path)
     assert f'<span class="{colour}">{ended}</span>' in page
-    assert all(f'<p class="warn">{warning}.' in page for warning in warnings)
+    assert '<p class="info">97% alike</p>' in page and "nothing that presses" not in page
+    assert (f'<p class="{status}">a: unsure</p>' in page) == (status != "info")
 
 
 def test_one_that_fails_does_not_stop_the_others(played: Path, tmp_path: Path) -> None:
@@ -61,7 +68,6 @@ def test_one_that_fails_does_not_stop_the_others(played: Path, tmp_path: Path) -
     records = batch([str(pictures)], options(tmp_path), jobs=2)
     assert [r["name"] for r in records] == ["a", "b", "c", "d", "e"]
     assert [r["exit_code"] for r in records] == [0, 2, 1, 128 + signal.SIGKILL, 0]
-    assert [r["alike"] for r in records] == [r["iou"] for r in records]  # on no stand
     assert [r["iou"] for r in records] == [0.95, None, 0.95, None, 0.95]
     assert records[1]["error"].endswith("no picture. Draw one.")
     assert "killed" in records[3]["error"]

@@ -25,11 +25,11 @@ from knotfab.apps.paper.ellipse import (
 )
 from knotfab.apps.paper.outlines import Pinhole, render_outlines, signed_distance, winners
 from knotfab.render.silhouette import Frame
-from paper.camera import PaperCamera, camera_around
+from paper.camera import camera_around, paper_camera
 
 pytestmark = pytest.mark.slow
 
-CAMERA = PaperCamera(width=40, height=32, focal=(1.0, 0.8, 2.0))
+CAMERA = paper_camera(width=40, height=32, focal=(1.0, 0.8, 2.0))
 TAU = 60.0
 
 
@@ -206,7 +206,7 @@ def test_signed_distance_is_that_of_the_hull_of_both_ellipses(radius: float, dep
         np.testing.assert_allclose(ours.numpy(), exact, atol=2e-5)
 
 
-def _ray_frame(camera: PaperCamera) -> Frame:
+def _ray_frame(camera: Pinhole) -> Frame:
     """The camera as the frame of `knotfab.render` (square pixels, the eye at the origin)."""
     assert camera.pitch[0] == pytest.approx(camera.pitch[1])
     axes, eye = torch.eye(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
@@ -217,7 +217,7 @@ def _ray_frame(camera: PaperCamera) -> Frame:
 def test_images_agree_with_the_ray_distance_form() -> None:
     # one silhouette, two distances: that of the image plane, and that of rays, larger off the axis
     # by at most 1 / cos; sharp images differ by what that leaves at the outline
-    camera = replace(CAMERA, height=32, focal=(1.0, 31 / 39, 2.0))
+    camera = paper_camera(width=40, height=32, focal=(1.0, 31 / 39, 2.0))
     a, b, radius = _points(15, 7), _points(15, 8), 0.06
     pixel = camera.pitch[0]
     ours = render_outlines_dense(a, b, camera, radius, TAU)
@@ -337,7 +337,7 @@ def test_few_samples_break_ellipses_and_not_capsules() -> None:
         s = 2 * math.pi * torch.arange(count, dtype=torch.float64) / count
         p = torch.stack([s.cos(), s.sin(), torch.full_like(s, 3.0)], -1)
         return tuple(
-            render_outlines(p, e, PaperCamera(width=96, height=96), 0.05, 100.0)
+            render_outlines(p, e, paper_camera(width=96, height=96), 0.05, 100.0)
             for e in (None, p.roll(-1, 0))
         )  # type: ignore[return-value]
 
