@@ -32,7 +32,9 @@ import knotfab.base.limited
 knotfab.base.limited._is_copy = True
 runpy.run_module("knotfab", run_name="__main__")
 """
-BUILD = "{whole} build examples/heart.png --print --accuracy sketch --skip slicer --quiet --out {out}"
+BUILD = (
+    "{whole} build examples/heart.png --print --accuracy sketch --skip slicer --quiet --out {out}"
+)
 TESTS = "-m pytest -q -n 2 --dist loadgroup -p no:cacheprovider"
 
 

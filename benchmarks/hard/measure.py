@@ -11,8 +11,8 @@ from torch import Tensor
 
 from knotfab.render.capsules import BEHIND, capsule_distance, cut_before_light
 from knotfab.render.device import render as render_compiled
+from knotfab.render.device import render_torch
 from knotfab.render.silhouette import NEAREST_RADII
-from knotfab.render.tiled import render_tiled
 
 from .pictures import signed_distance_px
 from .rendering import RenderCase, frame_at
@@ -22,7 +22,7 @@ SINGLE, DOUBLE = (float(torch.finfo(kind).eps) for kind in (torch.float32, torch
 _CUTOFF = 40.0
 
 Render = Callable[..., Tensor]
-FORMS: dict[str, Render] = {"torch": render_tiled, "compiled": render_compiled}
+FORMS: dict[str, Render] = {"torch": render_torch, "compiled": render_compiled}
 
 
 @dataclass(frozen=True)
@@ -145,13 +145,13 @@ def condition(case: RenderCase) -> Tensor:
     return torch.maximum(*(_condition(case, kind) for kind in kinds))
 
 
-def image(case: RenderCase, dtype: torch.dtype, render: Render = render_tiled) -> Tensor:
+def image(case: RenderCase, dtype: torch.dtype, render: Render = render_torch) -> Tensor:
     """Return [height, width] by one form of the tiled renderer."""
     starts, ends = _ends(case, dtype)
     return render(starts, ends, frame_at(case, dtype), case.radius, case.tau, _CUTOFF)
 
 
-def forward_error(case: RenderCase, render: Render = render_tiled) -> ForwardError:
+def forward_error(case: RenderCase, render: Render = render_torch) -> ForwardError:
     """Return single against double precision: the distances of all pixels, and the tiled image."""
     exact, rough = distances(case, torch.float64), distances(case, torch.float32)
     kappa = torch.maximum(_condition(case, exact.winner), _condition(case, rough.winner))
@@ -178,7 +178,7 @@ def forward_error(case: RenderCase, render: Render = render_tiled) -> ForwardErr
 
 
 def sampled_error(
-    case: RenderCase, count: int = 2000, render: Render = render_tiled
+    case: RenderCase, count: int = 2000, render: Render = render_torch
 ) -> tuple[float, float]:
     """Sample an image too large for every pixel against every capsule: `count` pixels anywhere and on edges.
 
@@ -241,7 +241,7 @@ def gradient_condition(case: RenderCase) -> float:
 
 
 def _loss(
-    case: RenderCase, points: Tensor, dtype: torch.dtype, render: Render = render_tiled
+    case: RenderCase, points: Tensor, dtype: torch.dtype, render: Render = render_torch
 ) -> Tensor:
     """Return a weighted sum of the image's pixels; the weights are fixed."""
     e = torch.as_tensor(case.edges)
@@ -280,7 +280,7 @@ def _ways(points: Tensor, count: int) -> list[Tensor]:
     return found
 
 
-def gradient_error(case: RenderCase, ways: int = 3, render: Render = render_tiled) -> GradientError:
+def gradient_error(case: RenderCase, ways: int = 3, render: Render = render_torch) -> GradientError:
     """Measure a fixed weighted sum of the image, along `ways` smooth random motions of the points."""
     points = torch.as_tensor(case.points)
     g = _gradient(lambda p: _loss(case, p, torch.float64, render), points)
@@ -306,7 +306,7 @@ def gradient_error(case: RenderCase, ways: int = 3, render: Render = render_tile
 
 
 def subgradient_excess(
-    case: RenderCase, dtype: torch.dtype, directions: int = 6, render: Render = render_tiled
+    case: RenderCase, dtype: torch.dtype, directions: int = 6, render: Render = render_torch
 ) -> float:
     """Return at the case's kinks: how far the gradient leaves what the one-sided slopes allow, relative.
 

@@ -11,8 +11,8 @@ from torch.autograd.function import once_differentiable
 
 from knotfab.base.arrays import Array
 from knotfab.render import silhouette
+from knotfab.render.capsules import capsule_distance, cut_before_light
 from knotfab.render.silhouette import CUTOFF, Capsules, Frame, Number, number
-from knotfab.render.tiled import render_tiled
 
 Winners = tuple[Tensor, Tensor]  # flat indices of pixels, and the capsule that colours each
 
@@ -39,17 +39,43 @@ def render(
     cutoff: float = CUTOFF,
     won: Winners | None = None,
 ) -> Tensor:
-    """Render tensors by `silhouette.render`: the image of `dense.render_dense`, up to sigmoid(-cutoff).
+    """Render tensors by `silhouette.render`: the largest capsule at each pixel, up to sigmoid(-cutoff).
 
     Differentiable in the points, and in the frame's numbers and the radius where these are tensors. `won`
-    takes the winners of an earlier call.
+    takes the winners of an earlier call: a lower bound of the image, exact wherever they did not change.
     """
     if _torch_alone(frame, radius):
-        won = won or winners(starts, ends, frame, number(radius), cutoff / tau)
-        return render_tiled(starts, ends, frame, radius, tau, cutoff, won)
+        return render_torch(starts, ends, frame, radius, tau, cutoff, won)
     image: Tensor = _Image.apply(  # type: ignore[no-untyped-call]
         starts, ends, frame.arrays(), number(radius), tau, cutoff, won
     )
+    return image.reshape(frame.height, frame.width)
+
+
+def render_torch(
+    starts: Tensor,  # [n, 3] scene mm
+    ends: Tensor,  # [n, 3]
+    frame: Frame,
+    radius: Number,
+    tau: float,
+    cutoff: float = CUTOFF,
+    won: tuple[Tensor, Tensor] | None = None,
+) -> Tensor:
+    """Render by torch's own operations: slower than `render`, and the oracle of its hard cases.
+
+    sigmoid(tau s) is monotone, so the maximum over capsules is the sigmoid of the largest s, and its gradient
+    flows through that capsule alone. Arguments are as for `render`.
+    """
+    a, b = frame.local(starts), frame.local(ends)
+    thick = number(radius)
+    pixel, capsule = won or winners(starts, ends, frame, thick, cutoff / tau)
+    a, b, _ = cut_before_light(a, b, thick)
+    row = pixel // frame.width
+    qx = ((pixel - row * frame.width).to(a.dtype) + frame.u0) * frame.step
+    qy = (row.to(a.dtype) + frame.v0) * frame.step
+    s = capsule_distance(a[capsule], b[capsule], qx, qy, radius, frame.focal_px)
+    image = torch.zeros(frame.width * frame.height, dtype=a.dtype, device=a.device)
+    image = image.index_put((pixel,), torch.sigmoid(tau * s))
     return image.reshape(frame.height, frame.width)
 
 

@@ -1,7 +1,7 @@
 """The soft silhouette of capsules and its squared error, by compiled loops, with gradients in closed form.
 
 `render.device` has the same for tensors, on any device; tests hold it against the torch form
-(`render.tiled`).
+(`device.render_torch`).
 """
 
 from __future__ import annotations

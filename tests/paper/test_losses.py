@@ -15,8 +15,8 @@ from torch import Tensor
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.problem import ViewNumbers
 from knotfab.render.capsules import posed_frame
+from knotfab.render.device import render_torch
 from knotfab.render.silhouette import Sheet
-from knotfab.render.tiled import render_tiled
 from knotfab.search.free_pose import Bounds, turn_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import BRAIDS
@@ -239,7 +239,7 @@ def _shadow(points: np.ndarray, numbers: ViewNumbers, sheet: Sheet) -> torch.Ten
     at = _numbers(n.azimuth_deg, n.elevation_deg, n.roll_deg)
     frame = posed_frame(sheet, at, *_numbers(n.light_distance_mm, n.wall_distance_mm))
     p = torch.as_tensor(points)
-    return (render_tiled(p, p.roll(-1, 0), frame, n.radius_mm, 10.0) > 0.5).float()
+    return (render_torch(p, p.roll(-1, 0), frame, n.radius_mm, 10.0) > 0.5).float()
 
 
 def _angle_deg(one: ViewNumbers, other: ViewNumbers) -> float:

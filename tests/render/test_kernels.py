@@ -25,9 +25,8 @@ from benchmarks.hard.measure import (
     sampled_error,
     subgradient_excess,
 )
-from benchmarks.hard.rendering import RenderCase, frame_at, large_case, render_cases, ring
+from benchmarks.hard.rendering import RenderCase, frame_at, large_case, render_cases
 from knotfab.render.silhouette import Frame
-from knotfab.render.tiled import winners
 
 pytestmark = pytest.mark.slow
 
@@ -125,24 +124,6 @@ def test_single_precision_finds_the_winners_of_the_dense_formula(seed: int, rend
     assert float(dense.max()) > 0.4
     tiled = render(a, a.roll(-1, 0), frame, 0.01, 0.1)
     assert float((tiled - dense).abs().max()) <= 2e-7
-
-
-def test_winners_are_the_same_whatever_the_threads() -> None:
-    # neighbours share their ends, so that many pixels have two nearest capsules
-    points = torch.as_tensor(ring(40))
-    frame = Frame(
-        torch.eye(3).double(), torch.zeros(3).double(), -255.5, -255.5, 2.0**-14, 512, 512
-    )
-    threads = torch.get_num_threads()
-    try:
-        found = []
-        for count in (1, 4, 4, 4):
-            torch.set_num_threads(count)
-            found.append(winners(points, points.roll(-1, 0), frame, 2.0, 40.0))
-    finally:
-        torch.set_num_threads(threads)
-    for pixel, capsule in found[1:]:
-        assert torch.equal(pixel, found[0][0]) and torch.equal(capsule, found[0][1])
 
 
 @FORM

@@ -17,10 +17,9 @@ from knotfab.picture.silhouette import resample_mask
 from knotfab.render import device as tensors
 from knotfab.render import silhouette
 from knotfab.render.capsules import capsule_distance, tensor_frame
-from knotfab.render.device import render, squared_error
+from knotfab.render.device import render, render_torch, squared_error
 from knotfab.render.image import image_at
 from knotfab.render.silhouette import Frame, frame_of
-from knotfab.render.tiled import render_tiled
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedView
 
@@ -48,7 +47,7 @@ def target_at(frame: Frame, dtype: torch.dtype) -> Tensor:
 
 
 def torch_error(p: Tensor, frame: Frame, tau: float, target: Tensor, *rest: object) -> Tensor:
-    seen = render_tiled(p, p.roll(-1, 0), frame, RADIUS, tau, *rest)  # type: ignore[arg-type]
+    seen = render_torch(p, p.roll(-1, 0), frame, RADIUS, tau, *rest)  # type: ignore[arg-type]
     return ((seen - target) ** 2).sum()
 
 
@@ -109,7 +108,7 @@ def test_winners_are_those_within_reach() -> None:
         assert len(pixel.unique()) == len(pixel) > 1000
         assert int(capsule.min()) >= 0 and int(capsule.max()) < len(p)
         # at a sharpness of 1 the image tells the distance
-        seen = render_tiled(p, p.roll(-1, 0), frame, RADIUS, 1.0, 30.0).flatten()
+        seen = render_torch(p, p.roll(-1, 0), frame, RADIUS, 1.0, 30.0).flatten()
         within = seen > 1 / (1 + math.exp(reach))
         assert torch.equal(within.nonzero()[:, 0], pixel.long().sort().values)
 
@@ -125,7 +124,7 @@ def test_slopes_in_the_views_own_numbers_are_those_of_torch() -> None:
         )
         free = Frame(frame.axes, frame.eye, frame.u0, frame.v0, step, frame.width, frame.height)
         rows = (p, p.roll(-1, 0), free, radius, 1.0)
-        seen = render_tiled(*rows)
+        seen = render_torch(*rows)
         loss = ((seen - target) ** 2).sum() if error is None else error(*rows, target)
         found.append(torch.stack(torch.autograd.grad(loss, (step, radius))))
     torch.testing.assert_close(found[0], found[1], rtol=1e-12, atol=0)

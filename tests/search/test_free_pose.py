@@ -9,29 +9,31 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from pieces import ring
 from questions import ask_heart, start_and_search
+from shapely import MultiPolygon, box
 
 from knotfab.design.budget import Budget
 from knotfab.design.design import design_knots
 from knotfab.design.settings import place_start, without_arches
 from knotfab.geometry.measures import find_neighbours
-from knotfab.geometry.polylines import polylines_of_sizes
+from knotfab.geometry.polylines import polylines_of, polylines_of_sizes
 from knotfab.picture.read import read_target
-from knotfab.problem import Problem, Start, ViewNumbers
+from knotfab.problem import Problem, Start, TargetView, ViewNumbers
 from knotfab.render.capsules import posed_frame, tensor_frame, turn_matrix
+from knotfab.render.device import render_torch
 from knotfab.render.silhouette import Frame, Sheet, frame_of
-from knotfab.render.tiled import render_tiled
-from knotfab.scene.camera import camera_of
+from knotfab.scene.camera import camera_of, least_apart
 from knotfab.scene.catalogue import resolve
 from knotfab.search.flow import SETTLE, FlowSettings, Phase
-from knotfab.search.free_pose import ALL, Bounds, FreePose, turn_of
+from knotfab.search.free_pose import ALL, MOST_TURN_DEG, Bounds, FreeDirections, FreePose, turn_of
 from knotfab.search.objective import Objective, Weights
 from knotfab.search.state import SearchState, begin_search
 from knotfab.start.start import make_start
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Mount, Piece
-from knotfab_formats.scene import ResolvedView, Scene
-from knotfab_formats.search import PRESETS
+from knotfab_formats.scene import ResolvedView, Scene, SettledRegion
+from knotfab_formats.search import PRESETS, SearchSettings
 from tests.corpus.curves import torus_knot
 
 QUICK = PRESETS["draft"].model_copy(
@@ -55,7 +57,7 @@ def _frame(values: torch.Tensor, sheet: Sheet = SHEET) -> Frame:
 
 def _render(values: torch.Tensor, points: torch.Tensor, tau: float, *cutoff: float) -> torch.Tensor:
     """Draw by (azimuth, elevation, roll, light, wall, radius)."""
-    return render_tiled(points, points.roll(-1, 0), _frame(values), values[5], tau, *cutoff)
+    return render_torch(points, points.roll(-1, 0), _frame(values), values[5], tau, *cutoff)
 
 
 def _numbers(*values: float) -> torch.Tensor:
@@ -77,7 +79,7 @@ def test_without_elevation_and_roll_it_is_the_scenes_camera() -> None:
     torch.testing.assert_close(free.eye, known.eye)
     assert (free.u0, free.v0, free.step) == pytest.approx((known.u0, known.v0, known.step))
     points = torch.as_tensor(TREFOIL)
-    one = render_tiled(points, points.roll(-1, 0), known, 4.0, 1.0)
+    one = render_torch(points, points.roll(-1, 0), known, 4.0, 1.0)
     other = _render(_numbers(35.0, 0.0, 0.0, 420.0, 90.0, 4.0), points, 1.0)
     torch.testing.assert_close(one, other)
 
@@ -353,3 +355,87 @@ def test_a_view_that_is_turned_by_the_scene_is_not_free() -> None:
     scene = Scene.model_validate({"views": [{"elevation_deg": 40.0}]})
     with pytest.raises(InputError, match="elevation_deg = 40"):
         place_start(scene, PRESETS["draft"])
+
+
+# Directions of several views as unknowns: their slopes, their bounds, and that they are found.
+
+
+RADIUS, PIXELS = 4.0, 128
+SETTINGS = SearchSettings(precision="double")
+POINTS = np.vstack([ring(40.0, n=160, wave=20.0) * [0.6, 1.0, 1.0] + [9.0, 0.0, 5.0]])
+
+RINGS = polylines_of([POINTS])
+
+
+def views(*azimuths: float) -> tuple[TargetView, ...]:
+    found = []
+    for n, azimuth in enumerate(azimuths):
+        view = ResolvedView(
+            name=f"v{n}", azimuth_deg=azimuth, frame_width_mm=160.0, frame_height_mm=160.0
+        )
+        mask = np.zeros((96, 96), dtype=bool)
+        mask[20:80, 30:60] = True
+        found.append(TargetView(view, mask, MultiPolygon([box(-20, -30, 20, 30)])))
+    return tuple(found)
+
+
+def question(seen: tuple[TargetView, ...]) -> tuple[Problem, Objective]:
+    problem = Problem(seen, 0.4, None, 1e6, SettledRegion(size_mm=(200.0, 200.0, 200.0)))
+    images = tuple(v.image_at(RADIUS, PIXELS) for v in seen)
+    double = tuple(replace(i, target=i.target.astype(np.float64)) for i in images)
+    objective = Objective(double, RINGS, problem.limits(RADIUS), {}, Weights(), (3.0, 3.0))
+    return problem, objective
+
+
+def test_the_slope_is_that_of_finite_differences() -> None:
+    problem, objective = question(views(0.0, 70.0))
+    directions = FreeDirections(problem.views, RADIUS, SETTINGS)
+    at = np.array([[0.0, 0.0], [70.0, 25.0]])
+    step, slopes = 1e-3, []
+    for turn in np.eye(2):
+        found = []
+        for way in (1.0, -1.0):
+            directions.places_deg = at + [[0.0, 0.0], way * step * turn]
+            directions.show(objective, problem)
+            found.append(objective.image_term(1, POINTS, objective.tau_px(1, 0.0))[0])
+        slopes.append((found[0] - found[1]) / (2 * step))
+    directions.places_deg = at
+    directions.show(objective, problem)
+    view = problem.views[1].view.but(azimuth_deg=70.0, elevation_deg=25.0)
+    slope = directions.slope(objective, 1, view, POINTS, 0.0)
+    assert slope == pytest.approx(slopes, rel=2e-3)
+
+
+@pytest.mark.parametrize(("starts", "away"), [("", (64.0, 0.0)), ("0.0 0.0", (66.0, 7.0))])
+def test_a_view_turns_to_where_the_knots_draw_its_picture(
+    starts: str, away: tuple[float, float]
+) -> None:
+    settings = SETTINGS.but(free_elevations_deg=starts)
+    seen = tuple(v.image_at(RADIUS, 96).seen(POINTS, RINGS, RADIUS) for v in views(0.0, 70.0))
+    drawn = tuple(
+        replace(v, mask=mask[6:-6, 6:-6]) for v, mask in zip(views(0.0, 70.0), seen, strict=True)
+    )
+    turned = tuple(
+        replace(v, view=v.view.but(azimuth_deg=a, elevation_deg=e))
+        for v, (a, e) in zip(drawn, ((0.0, 0.0), away), strict=True)
+    )
+    problem, objective = question(turned)
+    directions = FreeDirections(problem.views, RADIUS, settings)
+    for n in range(240):
+        directions.descend(objective, problem, POINTS, None, n / 240)  # type: ignore[arg-type]
+    settled, points, numbers = directions.settle(problem, POINTS)
+    assert points is POINTS and numbers is None
+    assert settled.views[0].view.azimuth_deg == 0.0
+    assert settled.views[1].view.azimuth_deg == pytest.approx(70.0, abs=0.5)
+    assert settled.views[1].view.elevation_deg == pytest.approx(0.0, abs=0.5)
+
+
+def test_directions_keep_their_bounds() -> None:
+    problem, objective = question(views(0.0, 20.0, 45.0))
+    directions = FreeDirections(problem.views, RADIUS, SETTINGS)
+    least = least_apart([v.view for v in problem.views])
+    for _ in range(80):
+        directions.descend(objective, problem, POINTS, None, 0.0)  # type: ignore[arg-type]
+    assert (np.abs(directions.places_deg - directions.first_deg) <= MOST_TURN_DEG).all()
+    settled, _, _ = directions.settle(problem, POINTS)
+    assert least_apart([v.view for v in settled.views]) >= 0.69 * least

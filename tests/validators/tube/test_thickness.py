@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from knot_curves import curves
-from validator_parts import circle, hairpin, tube
+from tables import some
+from validator_parts import circle, hairpin, trefoil, tube
 
 from knotfab_validators.arrays import Array
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
-from knotfab_validators.tube import critical_chords
+from knotfab_validators.geometry.triangles import triangle_triangle, triangles_cross
+from knotfab_validators.tube import clearance, critical_chords
 from knotfab_validators.tube import thickness as strand_pairs_module
-from knotfab_validators.tube.clearance import check_clearance
+from knotfab_validators.tube.clearance import check_clearance, nearest_bodies, strand_gap
 from knotfab_validators.tube.critical_chords import shortest_critical_chord
 from knotfab_validators.tube.thickness import (
     Thickness,
@@ -22,7 +24,7 @@ from knotfab_validators.tube.thickness import (
     strand_pairs,
     thickness,
 )
-from tests.corpus.curves import ThicknessRow, thickness_rows
+from tests.corpus.curves import ThicknessRow, thickness_rows, torus_knot
 
 
 def ngon(n: int, radius: float = 1.0, axes: tuple[int, int] = (0, 1)) -> Array:
@@ -239,3 +241,259 @@ def test_neighbours_along_a_strand_meet_and_others_do_not() -> None:
     legs = strand_pairs(two, 4.5, np.inf)
     x = two.point[legs.i[legs.facing], 0]
     assert x.min() < 2 and 18 < x.max() < 22
+
+
+# Gaps between surfaces: against all pairs of triangles, against the centre lines, at the limit.
+
+
+def made(*lines: Array, radius: float = 2.0, sides: int = 32) -> tuple[Mesh, Curves]:
+    vertices, faces, offset = [], [], 0
+    for line in lines:
+        v, f = tube(line, radius, sides)
+        vertices.append(v)
+        faces.append(f + offset)
+        offset += len(v)
+    n = len(lines)
+    curves = Curves(lines, ("unknot",) * n, (True,) * n, radius)
+    return Mesh(np.concatenate(vertices), np.concatenate(faces)), curves
+
+
+def rings(apart: float, *, radius: float = 2.0, size: float = 20.0, n: int = 100) -> Mesh:
+    """Two round rings above each other, corners of 32 at their tops and bottoms."""
+    s, t = (2 * np.pi * np.arange(k) / k for k in (n, 32))
+    vertices, faces = [], []
+    _, grid = tube(circle(n, size), radius, 32)
+    for k in range(2):
+        away = size + radius * np.sin(t)[None, :]
+        up = np.broadcast_to(radius * np.cos(t)[None, :], (n, 32)) + k * apart
+        xyz = np.stack([away * np.cos(s)[:, None], away * np.sin(s)[:, None], up], axis=-1)
+        vertices.append(xyz.reshape(-1, 3))
+        faces.append(grid[:, ::-1] + k * n * 32)
+    return Mesh(np.concatenate(vertices), np.concatenate(faces))
+
+
+def two_circles(apart: float, size: float = 20.0, n: int = 100) -> Curves:
+    lines = (circle(n, size), circle(n, size) + [0, 0, apart])
+    return Curves(lines, ("unknot",) * 2, (True,) * 2, 2.0)
+
+
+def sag(radius: float, sides: int) -> float:
+    """What flat facets take off two surfaces' gap, at most: their middles lie inside the tube."""
+    return 2 * radius * (1 - np.cos(np.pi / sides))
+
+
+def chord_gap(curves: Curves) -> float:
+    chord = shortest_critical_chord(curves.polygons, curves.closed)
+    assert chord is not None and curves.radius_mm is not None
+    return chord.length - 2 * curves.radius_mm
+
+
+def wave(seed: int, n: int = 400) -> Array:
+    """A random curve of three waves an axis."""
+    rng = np.random.default_rng(seed)
+    phase = 2 * np.pi * np.arange(n)[:, None] / n * np.arange(1, 4)
+    weight = rng.normal(size=(2, 3, 3)) / np.arange(1, 4)[:, None]
+    points: Array = 20 * (np.cos(phase) @ weight[0] + np.sin(phase) @ weight[1])
+    return points
+
+
+LINKS = {
+    "stacked rings": (circle(150, 20.0), circle(150, 20.0) + [0, 0, 4.3]),
+    "turned rings": (circle(150, 20.0), circle(90, 30.0)[:, [0, 2, 1]] + [5.0, 0, 0]),
+    "trefoil": (trefoil(300, 8.0),),
+    "torus knot 2, 3": (torus_knot(2, 3, 24.0, 9.0, 400),),
+    "torus knot 2, 7": (torus_knot(2, 7, 24.0, 9.0, 400),),
+    "waves 15": (wave(15),),
+    "waves 17": (wave(17),),
+    "waves 23": (wave(23),),
+    "waves 27": (wave(27),),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", some(LINKS, 2))
+def test_agrees_with_the_centre_lines(name: str) -> None:
+    lines = LINKS[name]
+    expected = shortest_critical_chord(lines, [True] * len(lines))
+    assert expected is not None
+    radius, sides = min(expected.length / 2.6, 0.8 * thickness(lines).min_rad), 24
+    mesh, curves = made(*lines, radius=radius, sides=sides)
+    found = check_clearance(mesh, curves, None)
+    assert found.status == "pass" and isinstance(found.measured, float)
+    # a ring of vertices lies in a plane that halves the turn: off by second order in the edge
+    skew = 0.01 * radius
+    assert -skew <= found.measured - chord_gap(curves) <= sag(radius, sides) + skew
+    assert np.linalg.norm(np.array(found.at[0]) - expected.middle) < 60 * radius
+
+
+def test_no_pair_of_triangles_is_nearer() -> None:
+    """All pairs of two links' triangles are enumerated."""
+    one, other = circle(20, 10.0), circle(24, 9.0)[:, [0, 2, 1]] + [9.7, 0.3, 0.4]
+    mesh, curves = made(one, other, sides=8)
+    first = mesh.vertices[mesh.faces[: 2 * 20 * 8]]
+    second = mesh.vertices[mesh.faces[2 * 20 * 8 :]]
+    least = min(
+        float(triangle_triangle(np.repeat(first[k : k + 1], len(second), axis=0), second)[0].min())
+        for k in range(len(first))
+    )
+    gap, _, left_out = strand_gap(mesh, curves)
+    assert gap is not None and left_out == 0
+    assert gap.distance == pytest.approx(least, abs=1e-12)
+    assert np.linalg.norm(gap.points[0] - gap.points[1]) == pytest.approx(least, abs=1e-12)
+    bodies = nearest_bodies(mesh)
+    assert not isinstance(bodies, str)
+    assert bodies[0] == pytest.approx(least, abs=1e-9)
+    blind = check_clearance(mesh, None, 0.4)
+    assert blind.measured == pytest.approx(least, abs=1e-9) and "not looked for" in blind.detail
+
+
+def test_the_limit() -> None:
+    """Corners that face each other: the gap of the facets is that of the tubes, 0.4 mm."""
+    mesh, curves = rings(4.4), two_circles(4.4)
+    for asked in (None, curves):
+        found = check_clearance(mesh, asked, 0.4)
+        assert found.measured == pytest.approx(0.4, rel=1e-12) and found.name == "clearance"
+        assert found.status == "pass" and found.unit == "mm"
+        under = check_clearance(mesh, asked, 0.404)  # 1 % more than there is
+        assert under.status == "fail" and under.limit == 0.404
+        assert under.at[0][2] == pytest.approx(2.2, abs=1e-9)
+        assert np.hypot(under.at[0][0], under.at[0][1]) == pytest.approx(20, abs=0.01)
+
+
+@pytest.mark.slow
+def test_facets_that_keep_the_volume_are_allowed_for() -> None:
+    """Corners that stand out as those of twelve sides do narrow the gap; by more they are a fault."""
+    for grown, status in ((1.0016, "pass"), (1.023, "pass"), (1.025, "fail"), (1.04, "fail")):
+        found = check_clearance(rings(4.4, radius=2 * grown), two_circles(4.4), 0.4)
+        assert found.status == status
+        assert found.measured == pytest.approx(4.4 - 4 * grown, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.7, 0.95, 0.999])
+def test_strands_nearer_than_a_diameter_are_rejected(factor: float) -> None:
+    mesh, curves = rings(4 * factor), two_circles(4 * factor)
+    found = check_clearance(mesh, curves, 0.4)
+    assert found.status == "fail"
+    assert found.measured == pytest.approx(4 * factor - 4, abs=1e-9)
+    assert "interpenetrate" in found.detail
+    assert "knot 0 vertex" in found.detail and "knot 1 vertex" in found.detail
+    assert check_clearance(mesh, curves, 0.0).status == "fail"
+    blind = check_clearance(mesh, None, 0.4)
+    assert blind.status == "fail" and blind.measured == 0.0 and "interpenetrate" in blind.detail
+
+
+def test_crossing_centre_lines_are_rejected() -> None:
+    one = np.array([[-20.0, 0, 0], [20, 0, 0], [20, -30, 0], [-20, -30, 0]])
+    other = one[:, [1, 0, 2]] * [1, 1, -1]
+    mesh, curves = made(one, other)
+    found = check_clearance(mesh, curves, 0.4)
+    assert found.status == "fail" and found.measured == pytest.approx(-4.0, abs=1e-9)
+
+
+def test_a_bend_is_no_gap_but_one_tighter_than_allowed_is() -> None:
+    ring = check_clearance(*made(circle(200, 30.0)), 0.4)
+    assert ring.status == "pass" and float(ring.measured or 0.0) > 10
+    for bend, status in ((2.21, "pass"), (2.19, "fail")):
+        mesh, curves = made(hairpin(bend), sides=48)
+        found = check_clearance(mesh, curves, 0.4)
+        assert found.measured == pytest.approx(2 * bend - 4, abs=0.03)
+        assert found.status == status, found
+
+
+def test_a_plate_belongs_to_no_strand() -> None:
+    mesh, curves = made(circle(100, 20.0), circle(100, 20.0) + [0, 0, 4.6])
+    plate = np.array([[-9.0, -9, 9], [9, -9, 9], [9, 9, 9], [-9, 9, 9]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]]) + len(mesh.vertices)
+    both = Mesh(np.concatenate([mesh.vertices, plate]), np.concatenate([mesh.faces, faces]))
+    found = check_clearance(both, curves, 0.4)
+    assert found.measured == check_clearance(mesh, curves, 0.4).measured
+    assert "2 faces belong to no strand" in found.detail
+
+
+def test_what_cannot_be_seen_is_said() -> None:
+    mesh, curves = made(trefoil(200, 8.0))
+    blind = check_clearance(mesh, None, 0.4)
+    assert blind.status == "skipped" and "one body" in blind.detail
+    assert "within one body were not looked for" in blind.detail
+    unknown = check_clearance(mesh, Curves(curves.polygons, ("3_1",), (True,), None), 0.4)
+    assert unknown.status == "skipped" and "radius" in unknown.detail
+    empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+    assert check_clearance(empty, curves, 0.4).status == "skipped"
+
+
+def test_finely_cut_straight_strands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A few long edges with many faces each: the same by trees of the faces' centres."""
+    corners = np.array([[-10.0, -8, 0], [10, -8, 0], [10, 8, 0], [-10, 8, 0]])
+    fine = np.concatenate(
+        [
+            a + np.linspace(0, 1, 30)[:-1, None] * (b - a)
+            for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)
+        ]
+    )
+    mesh, _ = made(fine, fine + [0, 0.3, 4.4])
+    coarse = Curves((corners, corners + [0, 0.3, 4.4]), ("unknot",) * 2, (True,) * 2, 2.0)
+    plain = check_clearance(mesh, coarse, 0.4)
+    monkeypatch.setattr(clearance, "MOST_AT_ONCE", 1000)
+    assert check_clearance(mesh, coarse, 0.4).measured == pytest.approx(plain.measured, rel=1e-12)
+    monkeypatch.setattr(clearance, "MOST_NEAR", 1)
+    crowded = check_clearance(mesh, coarse, 0.4)
+    assert crowded.status == "skipped" and crowded.required
+
+
+def test_knots_of_another_part_are_refused() -> None:
+    mesh, curves = made(circle(60, 10.0))
+    away = Curves((curves.polygons[0] + 100.0,), ("unknot",), (True,), 2.0)
+    found = check_clearance(mesh, away, 0.4)
+    assert found.status == "fail" and found.required and found.measured == "no strand"
+
+
+def test_a_crowd_of_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, curves = made(circle(60, 10.0))
+    monkeypatch.setattr(strand_pairs_module, "MOST_PAIRS", 10)
+    found = check_clearance(mesh, curves, 0.4)
+    assert found.status == "skipped" and "crowded" in found.detail
+
+
+def test_faces_longer_than_centre_line_edges_are_the_strands() -> None:
+    """A coarse tube whose line was found finely has them, as parts from elsewhere have."""
+    fine, far = circle(400, 30.0), circle(400, 30.0) + [0, 0, 7.0]
+    bodies = [tube(curve[::20], 3.0, 8) for curve in (fine, far)]
+    mesh = Mesh(
+        np.concatenate([b[0] for b in bodies]),
+        np.concatenate([bodies[0][1], bodies[1][1] + len(bodies[0][0])]),
+    )
+    found = check_clearance(mesh, Curves((fine, far), ("unknot",) * 2, (True,) * 2, 3.0), None)
+    assert found.status == "pass" and found.measured == pytest.approx(1.0, abs=0.5)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_distance_of_bodies_against_all_pairs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    soups = [rng.normal(size=(12, 3)) * [1, 2, 0.3] + [3 * k, k % 2, 0] for k in range(4)]
+    faces = [np.array([[i, i + 1, i + 2] for i in range(10)]) + 12 * k for k in range(4)]
+    mesh = Mesh(np.concatenate(soups), np.concatenate(faces))
+    least = np.inf
+    for a in range(4):
+        for b in range(a):
+            one = np.repeat(mesh.vertices[faces[a]], 10, axis=0)
+            other = np.tile(mesh.vertices[faces[b]], (10, 1, 1))
+            distance = triangle_triangle(one, other)[0]
+            least = min(least, float(np.where(triangles_cross(one, other), 0.0, distance).min()))
+    found = nearest_bodies(mesh)
+    assert not isinstance(found, str)
+    assert found[0] == pytest.approx(least, abs=1e-9)
+
+
+def test_copies_and_heaps_of_faces_cost_no_more_than_allowed() -> None:
+    """Trees of boxes do not help where all boxes overlap: their work would grow with the square."""
+    rng = np.random.default_rng(0)
+    one = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [4, 0, 0], [3, 1, 0]])
+    copies = Mesh(one, np.tile([[0, 1, 2], [3, 4, 5]], (200_000, 1)))
+    found = nearest_bodies(copies)
+    assert not isinstance(found, str) and found[0] == pytest.approx(2.0)
+    points = rng.normal(size=(2 * 12_000, 3)) * 10
+    points[12_000:] += [0, 0, 1e-6]
+    chain = np.column_stack([np.arange(11_998), np.arange(11_998) + 1, np.arange(11_998) + 2])
+    heap = Mesh(points, np.concatenate([chain, chain + 12_000]))
+    assert "boxes that overlap" in str(nearest_bodies(heap))
