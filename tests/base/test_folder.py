@@ -18,16 +18,15 @@ from knotfab.base.errors import MachineError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.moves import REJECTED, _kept_secret, _sign, mend
 from knotfab_formats.errors import InputError
-from tests.base.test_folder import build, listing
 
 
-def listing_folder(folder: Path) -> dict[str, bytes]:
+def listing(folder: Path) -> dict[str, bytes]:
     return {
         str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if not p.is_dir()
     } | {str(p.relative_to(folder)) + "/": b"" for p in folder.rglob("*") if p.is_dir()}
 
 
-def build_folder(folder: Path, **files: str) -> None:
+def build(folder: Path, **files: str) -> None:
     with OutputFolder(folder) as out:
         for name, content in files.items():
             out.write(name.replace("__", "."), content)
@@ -36,14 +35,14 @@ def build_folder(folder: Path, **files: str) -> None:
 
 def test_commit_creates_parents_and_replaces_an_earlier_build(tmp_path: Path) -> None:
     folder = tmp_path / "a" / "b"
-    build_folder(folder, knots__json="one", note="kept")
+    build(folder, knots__json="one", note="kept")
     (folder / "mine.txt").write_text("user")
-    build_folder(folder, knots__json="two")
-    assert listing_folder(folder) == {"knots.json": b"two", "note": b"kept", "mine.txt": b"user"}
+    build(folder, knots__json="two")
+    assert listing(folder) == {"knots.json": b"two", "note": b"kept", "mine.txt": b"user"}
 
 
 def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> None:
-    build_folder(tmp_path, report__json="{}", part__3mf="old", knots__json="old")
+    build(tmp_path, report__json="{}", part__3mf="old", knots__json="old")
     for name in (
         "part.glb",
         "plate-2.3mf",
@@ -56,62 +55,62 @@ def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> N
         (tmp_path / name).write_text("old")
     for name in ("plate-notes.txt", "setup.txt", "drill-template.pdf"):
         (tmp_path / name).write_text("user")
-    build_folder(tmp_path, report__json="{ }", knots__json="new")
+    build(tmp_path, report__json="{ }", knots__json="new")
     users = {"plate-notes.txt", "setup.txt", "drill-template.pdf"}
-    assert set(listing_folder(tmp_path)) == {"report.json", "knots.json", *users}
+    assert set(listing(tmp_path)) == {"report.json", "knots.json", *users}
 
 
 def test_an_earlier_rejected_build_goes_with_one_that_passes(tmp_path: Path) -> None:
     with OutputFolder(tmp_path) as out:
         out.write("report.json", "failed")
         out.reject()
-    build_folder(tmp_path, report__json="passed")
-    assert listing_folder(tmp_path) == {"report.json": b"passed"}
+    build(tmp_path, report__json="passed")
+    assert listing(tmp_path) == {"report.json": b"passed"}
     (tmp_path / REJECTED).mkdir()
     (tmp_path / REJECTED / "mine.txt").write_text("user")  # no build's
-    build_folder(tmp_path, report__json="passed")
+    build(tmp_path, report__json="passed")
     assert (tmp_path / REJECTED / "mine.txt").read_text() == "user"
 
 
 def test_without_a_report_nothing_is_taken_for_an_earlier_build(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_text("user")
-    build_folder(tmp_path, knots__json="new")
-    assert set(listing_folder(tmp_path)) == {"part.stl", "knots.json"}
+    build(tmp_path, knots__json="new")
+    assert set(listing(tmp_path)) == {"part.stl", "knots.json"}
 
 
 def test_nothing_appears_before_commit(tmp_path: Path) -> None:
     with OutputFolder(tmp_path) as out:
         out.write("knots.json", "new")
         assert [p for p in tmp_path.iterdir() if not p.name.startswith(".")] == []
-    assert listing_folder(tmp_path) == {}
+    assert listing(tmp_path) == {}
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, InputError, SystemExit])
 def test_any_failure_leaves_what_was_there(tmp_path: Path, error: type[BaseException]) -> None:
-    build_folder(tmp_path, knots__json="good")
-    before = listing_folder(tmp_path)
+    build(tmp_path, knots__json="good")
+    before = listing(tmp_path)
     arguments = ("what", "why", "remedy") if error is InputError else ()
     with pytest.raises(error), OutputFolder(tmp_path) as out:
         out.write("knots.json", "half")
         raise error(*arguments)
-    assert listing_folder(tmp_path) == before
+    assert listing(tmp_path) == before
 
 
 def test_failure_removes_the_folders_it_made(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), OutputFolder(tmp_path / "new" / "deep"):
         raise KeyboardInterrupt
-    assert listing_folder(tmp_path) == {}
+    assert listing(tmp_path) == {}
 
 
 def test_reject_leaves_the_good_result_and_replaces_the_rejected(tmp_path: Path) -> None:
-    build_folder(tmp_path, knots__json="good")
+    build(tmp_path, knots__json="good")
     for content in ("bad", "worse"):
         with OutputFolder(tmp_path) as out:
             out.write("knots.json", content)
             if content == "bad":
                 out.write("extra.png", "x")
             out.reject()
-    assert listing_folder(tmp_path) == {
+    assert listing(tmp_path) == {
         "knots.json": b"good",
         f"{REJECTED}/": b"",
         f"{REJECTED}/knots.json": b"worse",
@@ -122,8 +121,8 @@ def test_reject_leaves_the_good_result_and_replaces_the_rejected(tmp_path: Path)
 def test_a_move_that_fails_undoes_those_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int
 ) -> None:
-    build_folder(tmp_path, report__json="old", part__stl="old", plate__3mf="old")
-    before = listing_folder(tmp_path)
+    build(tmp_path, report__json="old", part__stl="old", plate__3mf="old")
+    before = listing(tmp_path)
     real, calls = os.replace, []
 
     def replace(source: Path, target: Path) -> None:
@@ -137,16 +136,16 @@ def test_a_move_that_fails_undoes_those_before_it(
             out.write(name, "new")
         monkeypatch.setattr(os, "replace", replace)
         out.commit()
-    assert listing_folder(tmp_path) == before
+    assert listing(tmp_path) == before
 
 
 def test_a_directory_in_the_way_is_not_removed(tmp_path: Path) -> None:
     (tmp_path / "part.stl").mkdir()
     (tmp_path / "part.stl" / "mine").write_text("user")
-    before = listing_folder(tmp_path)
+    before = listing(tmp_path)
     with pytest.raises(MachineError, match=r"part\.stl is a directory"):
-        build_folder(tmp_path, knots__json="new", part__stl="new")
-    assert listing_folder(tmp_path) == before
+        build(tmp_path, knots__json="new", part__stl="new")
+    assert listing(tmp_path) == before
 
 
 def test_rejects_a_path_that_is_a_file(tmp_path: Path) -> None:
@@ -156,14 +155,14 @@ def test_rejects_a_path_that_is_a_file(tmp_path: Path) -> None:
     assert caught.value.exit_code == 2
     with pytest.raises(InputError, match="part of this path is a file"):
         OutputFolder(tmp_path / "out" / "deeper").__enter__()
-    assert listing_folder(tmp_path) == {"out": b"user"}
+    assert listing(tmp_path) == {"out": b"user"}
 
 
 def test_rejects_a_file_where_failed_builds_go(tmp_path: Path) -> None:
     (tmp_path / REJECTED).write_text("user")
     with pytest.raises(InputError, match="failed builds go there"):
         OutputFolder(tmp_path).__enter__()
-    assert listing_folder(tmp_path) == {REJECTED: b"user"}
+    assert listing(tmp_path) == {REJECTED: b"user"}
 
 
 def test_rejects_a_folder_that_may_not_be_written(
@@ -175,7 +174,7 @@ def test_rejects_a_folder_that_may_not_be_written(
     monkeypatch.setattr("knotfab.base.folder.tempfile.mkdtemp", deny)
     with pytest.raises(InputError, match=r"cannot be written \(Permission deny\).*--out"):
         OutputFolder(tmp_path / "new").__enter__()
-    assert listing_folder(tmp_path) == {}
+    assert listing(tmp_path) == {}
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
@@ -189,8 +188,8 @@ def test_rejects_a_read_only_folder(tmp_path: Path) -> None:
 
 
 def test_full_disk_is_said_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    build_folder(tmp_path, knots__json="good")
-    before = listing_folder(tmp_path)
+    build(tmp_path, knots__json="good")
+    before = listing(tmp_path)
 
     def full(self: Path, data: bytes) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -201,12 +200,12 @@ def test_full_disk_is_said_in_one_sentence(tmp_path: Path, monkeypatch: pytest.M
         out.write("knots.json", "new")
     monkeypatch.undo()
     assert caught.value.exit_code == 3
-    assert listing_folder(tmp_path) == before
+    assert listing(tmp_path) == before
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(MachineError, match="the disk is full"):
         OutputFolder(tmp_path).__enter__()  # noticed before any long work
     monkeypatch.undo()
-    assert listing_folder(tmp_path) == before
+    assert listing(tmp_path) == before
 
 
 @pytest.fixture
@@ -217,16 +216,16 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_a_disk_that_really_is_full(small_disk: Path) -> None:
-    build_folder(small_disk, knots__json="good")
-    before = listing_folder(small_disk)
+    build(small_disk, knots__json="good")
+    before = listing(small_disk)
     with pytest.raises(MachineError, match="the disk is full"), OutputFolder(small_disk) as out:
         out.write("part.stl", b"x" * 200_000)
-    assert listing_folder(small_disk) == before
+    assert listing(small_disk) == before
 
 
 def test_a_library_that_ignores_a_full_disk_is_caught(small_disk: Path) -> None:
-    build_folder(small_disk, knots__json="good")
-    before = listing_folder(small_disk)
+    build(small_disk, knots__json="good")
+    before = listing(small_disk)
     with pytest.raises(MachineError, match="the disk is full"), OutputFolder(small_disk) as out:
         with out.file("part.stl").open("wb", buffering=0) as file:
             while file.tell() < 200_000:
@@ -235,7 +234,7 @@ def test_a_library_that_ignores_a_full_disk_is_caught(small_disk: Path) -> None:
                 except OSError:
                     break
         out.commit()
-    assert listing_folder(small_disk) == before
+    assert listing(small_disk) == before
 
 
 def test_without_posix_a_build_is_written_all_the_same(
@@ -256,13 +255,13 @@ def test_without_posix_a_build_is_written_all_the_same(
     monkeypatch.setattr("knotfab.base.disk._fcntl", None)
     monkeypatch.setattr(os, "open", open_files)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
-    build_folder(tmp_path / "out", knots__json="good", note="kept")
-    build_folder(tmp_path / "out", knots__json="new")
-    assert listing_folder(tmp_path / "out") == {"knots.json": b"new", "note": b"kept"}
+    build(tmp_path / "out", knots__json="good", note="kept")
+    build(tmp_path / "out", knots__json="new")
+    assert listing(tmp_path / "out") == {"knots.json": b"new", "note": b"kept"}
     usage = usage._replace(free=0)
     with pytest.raises(MachineError, match="the disk is full"):
-        build_folder(tmp_path / "out", knots__json="full")
-    assert listing_folder(tmp_path / "out") == {"knots.json": b"new", "note": b"kept"}
+        build(tmp_path / "out", knots__json="full")
+    assert listing(tmp_path / "out") == {"knots.json": b"new", "note": b"kept"}
 
 
 def test_work_is_only_there_while_open(tmp_path: Path) -> None:
@@ -275,10 +274,10 @@ def test_a_living_build_keeps_its_hidden_folder(tmp_path: Path) -> None:
     with OutputFolder(tmp_path) as out:
         out.write("knots.json", "new")
         dead = killed_build(tmp_path, note="of one that was killed")
-        build_folder(tmp_path, note="of another")
+        build(tmp_path, note="of another")
         assert out.file("knots.json").exists() and not dead.exists()
         out.commit()
-    assert listing_folder(tmp_path) == {"knots.json": b"new", "note": b"of another"}
+    assert listing(tmp_path) == {"knots.json": b"new", "note": b"of another"}
 
 
 def test_two_builds_into_one_folder_do_not_mix(tmp_path: Path) -> None:
@@ -294,7 +293,7 @@ def test_two_builds_into_one_folder_do_not_mix(tmp_path: Path) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    found = listing_folder(tmp_path)
+    found = listing(tmp_path)
     assert set(found) == {"knots.json", "part.stl", "report.json"} and len({*found.values()}) == 1
 
 
@@ -315,8 +314,8 @@ def test_a_disk_that_fails_is_said_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ) -> None:
     """The write that fails is ours, or that of a library with other words for it."""
-    build_folder(tmp_path, knots__json="good")
-    before = listing_folder(tmp_path)
+    build(tmp_path, knots__json="good")
+    before = listing(tmp_path)
 
     def fail(self: Path, data: bytes) -> int:
         raise OSError(code, os.strerror(code), *([str(self)] if code == errno.EIO else []))
@@ -328,7 +327,7 @@ def test_a_disk_that_fails_is_said_in_one_sentence(
                 out.write("knots.json", "new")
             raise RuntimeError("Error writing stream")
         monkeypatch.undo()
-        assert listing_folder(tmp_path) == before
+        assert listing(tmp_path) == before
 
 
 # Moves that came with a folder, which a stranger wrote, are not done; those of a killed build are.
