@@ -70,6 +70,11 @@ def _find(scene: Any, knots: Any) -> Iterator[tuple[str, object]]:
     )
     if printer.process == "powder" != process:
         yield "process", '"powder"'
+    elif scene.material.process != printer.process and "powder" in (
+        scene.material.process,
+        process,
+    ):
+        yield "process", f'"{scene.material.process}"'
     for dotted, (least, most) in (BOUNDS[""] | BOUNDS[process]).items():
         table, key = dotted.split(".")
         for one in scene.views if table == "views" else [getattr(scene, table)]:

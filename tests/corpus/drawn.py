@@ -438,6 +438,7 @@ LOOSER: Mapping[str, tuple[float, float] | list[Any]] = {
     "piece.printed": [False],
     "piece.clearance_mm": (0.0, 0.45),
     "piece.tube_radius_mm": (0.5, 0.85),
+    "piece.knots": [1, 3],
     "piece.knot": ["3_1", "4_1"],
     "material.process": ["powder"],
     "material.young_modulus_mpa": (3.0, 100.0),

@@ -22,6 +22,7 @@ ON_PLATE = SimpleNamespace(members=(), bars=(), plate="plate")
 EDITS: dict[str, tuple[str, object, Any, str]] = {
     "printed": ("piece.printed", False, KNOTS, "printed = false"),
     "process": ("printer.process", "powder", None, 'process = "powder"'),
+    "another process": ("material.process", "powder", None, 'process = "powder"'),
     "supports": ("piece.supports", "slicer", KNOTS, 'supports = "slicer"'),
     "outline": ("accuracy.max_outline_error_px", 1000.0, None, "max_outline_error_px = 1000"),
     "clearance": ("piece.clearance_mm", 0.0, None, "clearance_mm = 0"),

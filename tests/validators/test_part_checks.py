@@ -70,6 +70,13 @@ def test_limits_come_from_the_scene() -> None:
     assert low.status == "fail" and low.measured == pytest.approx(3.0, abs=1e-2)
 
 
+@pytest.mark.parametrize("asked", ["auto", 1, 2])
+def test_as_many_knots_as_the_scene_says(asked: object) -> None:
+    own = run(MESH, knot(), scene(piece={"knots": asked}))["knot_type"]
+    assert (own.status == "fail", own.required) == (asked == 2, True)
+    assert ("piece.knots is 2, and there are 1" in own.detail) == (asked == 2)
+
+
 def test_a_group_that_is_left_out_whole_is_not_measured() -> None:
     groups = {"mesh": MESH_CHECKS, "knot type": KNOTS, "tube": ("tube", "clearance")}
     for stage, names in groups.items():

@@ -271,7 +271,7 @@ def _check_knots(
     with time_stage(seconds, "thickness"):
         checks = _check_curves(curves, scene)
     with time_stage(seconds, "knot type"):
-        kinds = knot_checks(curves, scene.promised if scene is not None else None)
+        kinds = _count_knots(curves, scene, knot_checks(curves, scene.promised if scene else None))
     # a part is built of unlinked unknots; curves alone are asked for their thickness, and keep what
     # their own file promises
     return checks + [
@@ -280,6 +280,18 @@ def _check_knots(
         else replace(kind, required=False)
         for kind in kinds
     ]
+
+
+def _count_knots(
+    curves: Curves, scene: Scene | None, found: tuple[Check, Check]
+) -> tuple[Check, Check]:
+    """Fail `knot_type` if there are more or fewer knots than a scene says."""
+    asked, there = scene.piece.knots if scene is not None else None, len(curves.polygons)
+    if asked is None or asked == there or found[0].status == "fail":
+        return found
+    detail = f"the scene's piece.knots is {asked}, and there are {there}"
+    wrong = replace(found[0], status="fail", required=True, limit=str(asked), detail=detail)
+    return wrong, found[1]
 
 
 def _breaks_promise(check: Check) -> bool:
