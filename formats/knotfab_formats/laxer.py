@@ -39,6 +39,7 @@ BOUNDS: dict[str, dict[str, tuple[float, float]]] = {
         "printer.min_wall_mm": (0.35, 1e9),
         "printer.min_gap_mm": (0.35, 1e9),
         "printer.layer_height_mm": (0.08, 0.6),
+        "printer.nozzle_mm": (0.1, 1.2),
         "printer.max_overhang_deg": (0.0, 50.0),
         "printer.max_bridge_mm": (0.0, 15.0),
     },

@@ -274,6 +274,21 @@ STEERED: dict[str, tuple[str, str, str]] = {
         "<resources|<metadata name='slic3rpe:Version3mf'>1</metadata><resources",
         "the setting slic3rpe:Version3mf",
     ),
+    "a slice stack": (START, "<mesh|<s xmlns='urn:s'/><mesh", "the element s"),
+    "an attribute": (START, "<item |<item partnumber='5' ", "the attribute partnumber of item"),
+    "an object that is not placed": (START, "<resources>|<resources><object id='9'/>", "has object 9"),
+    "another kind of object": (START, "type=\"model\"|type=\"surface\"", "an object of the type surface"),
+    "a comment": (START, "<resources|<!-- <vertices> --><resources", "has a comment"),
+    "an instruction": (START, "<resources|<?slicer raft='1'?><resources", "has an instruction"),
+    "raw text": (START, "</resources|<![CDATA[ ]]></resources", "has raw text"),
+    "text": (START, "<resources>|<resources>G28", "text between its elements"),
+    "a line in a name": (START, "<object |<object name='a&#10;G28' ", "an attribute of object of several"),
+    "another type of content": ("[Content_Types].xml", "3dmodel+xml|printticket+xml", "types of content"),
+    "another relation": (
+        "_rels/.rels", "</Relationships>|<Relationship Type='urn:x' Target='/x' Id='q'/></Relationships>",
+        "a relation to /x",
+    ),
+    "no thumbnail": ("Metadata/thumbnail.png", "; perimeters = 0", "a thumbnail that is no PNG"),
     "Cura's key": (
         START,
         "<mesh>|<metadatagroup><metadata name='cura:infill_pattern'>x</metadata></metadatagroup><mesh>",
@@ -301,6 +316,17 @@ def test_no_setting_steers_the_slicer(
     found = check_same_3mf(read_mesh(part), part)
     assert (found.status, found.required) == ("fail", True) and said in found.detail
     assert ("moved by (60.00, 70.00, 0.00) mm" in found.detail) == (by_mm is not None)
+
+
+@pytest.mark.parametrize("prefix", [True, False])
+def test_no_other_archive_is_hidden_in_it(tmp_path: Path, prefix: bool) -> None:
+    part = write(RING, tmp_path).part
+    assert part is not None and RING.body is not None
+    own = encode(RING.body, "3mf")
+    other = forge_3mf(own, _put(PE, b"; perimeters = 0"))
+    (tmp_path / "part.3mf").write_bytes(other + own if prefix else own[:-2] + b"\1\0;")
+    found = check_same_3mf(read_mesh(part), part)
+    assert found.status == "fail" and "bytes before or behind its entries" in found.detail
 
 
 def test_a_part_that_a_slicer_moved_is_told_by_how_much(tmp_path: Path) -> None:

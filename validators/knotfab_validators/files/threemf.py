@@ -41,6 +41,18 @@ SETTINGS = (  # settings of PrusaSlicer (SuperSlicer), and of Bambu Studio and O
     "metadata/model_settings.config",
 )
 OWN = {"[content_types].xml", "_rels/.rels", "3d/3dmodel.model", "metadata/thumbnail.png"}
+PNG = b"\x89PNG\r\n\x1a\n"
+TYPED = re.compile(rb'Extension="(\w+)" ContentType="([^"]*)"')
+MODEL_KIND = b"application/vnd.ms-package.3dmanufacturing-3dmodel+xml"
+KINDS = {  # of content, that lib3mf names
+    *(
+        MODEL_KIND,
+        b"application/vnd.openxmlformats-package.relationships+xml",
+        b"image/png",
+        b"image/jpeg",
+    ),
+    b"application/vnd.ms-package.3dmanufacturing-3dmodeltexture",
+}
 HARMLESS = (".model", ".rels", ".png", ".jpg", ".jpeg")  # entries of strangers that steer no slicer
 GCODE = (".gcode", ".bgcode")
 SET = re.compile(r'key="(\w+)" value="([^"]*)"|^[; ]*(\w+) = ([^\r\n]*)', re.MULTILINE)
@@ -128,6 +140,7 @@ class _Package:
         self.unpacked = 0
         self.cost: dict[tuple[str, int], tuple[int, int]] = {}
         self.left_out: list[str] = []
+        self.doubts: list[str] = []
         self.mirrored = False  # whether an item or a component is
         self.steering = _Steering()
         self._require_plausible(sum(entry.file_size for entry in archive.filelist))
@@ -140,14 +153,14 @@ class _Package:
             raise BadFile(
                 f"{self.name}: its files lie in the folder {short(inside)} of the archive: zip what is in it"
             )
-        models = read_relations(self._blocks("_rels/.rels"), self.name)
+        models = read_relations(self._blocks("_rels/.rels"), self.name, self.doubts)
         if len(models) != 1:
             count = f"{len(models)} models" if models else "no model"
             raise BadFile(f"{self.name}: is not a 3MF file: it names {count} to start from")
         start = _part(models[0], "")
         for entry in self.entries:
             if entry.endswith(".rels") and entry != "_rels/.rels":
-                read_relations(self._blocks(entry), self.name)
+                read_relations(self._blocks(entry), self.name, self.doubts)
         model = self._model(start)
         gcode = [short(e.rpartition("/")[2]) for e in self.entries if e.endswith(GCODE)]
         if gcode and not model.items:
@@ -193,11 +206,25 @@ class _Package:
     def tell_doubts(self) -> str:
         """Say what some slicers would print in another way; "" if all print the same."""
         found = [self.tell_left_out()] if self.left_out else []
+        found += [f"has {what}" for what in (*self.doubts, *self._doubt_archive())]
         found += [f"has {what}" for model in self.models.values() for what in model.doubts]
         every = [(part, number) for part, model in self.models.items() for number in model.shapes]
         found += [f"has object {n}, which its build does not place"
                   for part, n in every if (part, n) not in self.cost]  # fmt: skip
         return "; ".join([*found, *self.tell_settings()])
+
+    def _doubt_archive(self) -> Iterator[str]:
+        """Say what other readers of the archive may take otherwise."""
+        if self.archive.comment or min(e.header_offset for e in self.archive.filelist):
+            yield "bytes before or behind its entries"
+        types = b"".join(self._blocks("[content_types].xml"))
+        if not {kind for _, kind in TYPED.findall(types)} <= KINDS or b"<Override" in types:
+            yield "other types of content"
+        elif (b"model", MODEL_KIND) not in TYPED.findall(types):
+            yield "a model that is of another type of content"
+        thumbnail = "metadata/thumbnail.png"
+        if thumbnail in self.entries and next(self._blocks(thumbnail), b"")[:8] != PNG:
+            yield "a thumbnail that is no PNG"
 
     def tell_settings(self, foreign: bool = False) -> list[str]:
         """Say which entries a build does not write, and their first settings; `foreign`: those with any."""

@@ -33,6 +33,7 @@ UNDERSTOOD = {  # namespaces that a file may require; any other may change the s
 }
 RELATIONS = "http://schemas.openxmlformats.org/package/2006/relationships"
 START_PART = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+THUMBNAIL = f"{RELATIONS}/metadata/thumbnail"
 UNITS = {  # mm
     "micron": 0.001,
     "millimeter": 1.0,
@@ -191,8 +192,10 @@ def _slice(text: bytes) -> Iterator[bytes]:
     return (text[k : k + BLOCK] for k in range(0, len(text), BLOCK))
 
 
-def read_relations(blocks: Iterable[bytes], name: str) -> list[str]:
+def read_relations(blocks: Iterable[bytes], name: str, doubts: list[str]) -> list[str]:
     """Read which parts of the package are models, from the XML of `_rels/.rels` or another part's.
+
+    `doubts` gets words for relations of other kinds than a build's.
 
     Raises:
         BadFile: it leads out of the package.
@@ -209,6 +212,8 @@ def read_relations(blocks: Iterable[bytes], name: str) -> list[str]:
             )
         if given.get("Type") == START_PART:
             found.append(given.get("Target", ""))
+        elif given.get("Type") != THUMBNAIL:
+            doubts.append(f"a relation to {short(given.get('Target', ''))}")
 
     parse_xml(blocks, name, start, lambda tag: None, lambda prefix, uri: None)
     return found
@@ -270,8 +275,18 @@ class _Reader:
         """Keep the parser, which knows its position in the text."""
         self.parser = parser
         parser.CharacterDataHandler = self.read
+        parser.CommentHandler = lambda _: self._doubt("a comment")
+        parser.ProcessingInstructionHandler = lambda *_: self._doubt("an instruction")
+        parser.StartCdataSectionHandler = lambda: self._doubt("raw text")
+        parser.XmlDeclHandler = self.declare_xml
+
+    def declare_xml(self, version: str, encoding: str | None, alone: int) -> None:
+        if (encoding or "utf-8").lower() != "utf-8":
+            self._doubt(f"the encoding {short(encoding or '')}")
 
     def read(self, text: str) -> None:
+        if self.way[-1] != METADATA and text.strip():
+            self._doubt("text between its elements")
         if self.cura and len(self.said) < 10:
             self.said += text.strip()
 
@@ -331,6 +346,8 @@ class _Reader:
         elif not given.keys() <= own:
             more = min(given.keys() - own).rpartition(" ")[2]
             self._doubt(f"the attribute {short(more)} of {name}")
+        if not all(map(str.isprintable, given.values())):
+            self._doubt(f"an attribute of {name} of several lines")
         if tag == METADATA and (word := given.get("name", "")) not in TITLES:
             self._doubt(f"the setting {short(word)}")
         if tag == OBJECT and given.get("type", "model") != "model":
