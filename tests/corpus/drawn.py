@@ -209,6 +209,25 @@ def _drop_listing(held: Held, rng: Rng) -> None:
     held.knots[key].pop(int(rng.integers(len(held.knots[key]))))
 
 
+def _list_more(held: Held, rng: Rng) -> None:
+    """Grow a post on the mount, and list it in knots.json, as a member, rod or hull."""
+    at, out = _on_mount(held, rng)
+    start, end, wide = (
+        at - 0.5 * out,
+        at + float(rng.uniform(2, 6)) * out,
+        float(rng.uniform(0.6, 1.5)),
+    )
+    held.add(rod(start, end, wide))
+    ends = {"from": end.tolist(), "to": start.tolist()}
+    corners = np.asarray(rod(start, end, wide).to_mesh64().vert_properties)[:, :3].tolist()
+    key, one = [
+        ("members", {**ends, "radius_mm": [wide, wide]}),
+        ("rods", {**ends, "radius_mm": wide}),
+        ("hulls", {"name": str(rng.choice(["dowel", "base", "x"])), "corners": corners}),
+    ][rng.integers(3)]
+    held.knots.setdefault(key, []).append(one)
+
+
 def _move_bar(held: Held, rng: Rng) -> None:
     """Move, widen or drop the listing of a bar."""
     bars = held.knots["bars"]
@@ -517,6 +536,7 @@ EDITS: Mapping[str, tuple[tuple[str, ...], Edit]] = {
     "an eyelet filled": (("hang",), _fill_eyelet),
     "a listing moved": (WITH_MEMBERS, _move_listing),
     "a listing dropped": (WITH_MEMBERS, _drop_listing),
+    "a post that is listed": (MOUNTED, _list_more),
     "a bar's listing changed": (("no supports",), _move_bar),
     "a wall listed as a strip": (("no supports",), _stand_a_wall),
     "another radius said": (EVERY, _say_radius),

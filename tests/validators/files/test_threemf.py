@@ -372,6 +372,14 @@ def test_what_programs_put_beside_a_model(case: str) -> None:
     assert (said in notes[0]) if said else notes == []
 
 
+def test_what_is_doubted_is_counted_up_to_a_bound() -> None:
+    words = "".join(f"<w{k}/>" for k in range(3000))
+    text = model(f'<object id="1">{words}{MESH}</object>', '<item objectid="1"/>')
+    with pytest.raises(BadFile, match=r"the element w0; .* the element w9, and no build") as found:
+        corners_3mf(as_3mf(text), "a.3mf", strict=True)
+    assert str(found.value).count("the element") <= threemf_model.MOST_DOUBTS
+
+
 def test_an_archive_of_a_folder_or_of_gcode_is_told() -> None:
     with zipfile.ZipFile(io.BytesIO(as_3mf(model(f'<object id="1">{MESH}</object>', "")))) as file:
         entries = {name: file.read(name) for name in file.namelist()}

@@ -48,6 +48,7 @@ MOST_OBJECTS = 50_000
 MOST_PLACED = 50_000  # components and build items
 BLOCK = 1 << 18  # bytes given to expat at a time
 MOST_AT_ONCE = 128_000_000  # bytes up to which a model's rows of numbers are read by numpy
+MOST_DOUBTS = 20
 LONGEST = 1_000_000  # bytes between the ends of two tags
 NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII)
 WHOLE = re.compile(r"\s*\+?\d{1,18}\s*", re.ASCII)
@@ -296,7 +297,7 @@ class _Reader:
             self._doubt("a prefix before its elements")
 
     def _doubt(self, what: str) -> None:
-        if what not in self.model.doubts:
+        if len(self.model.doubts) < MOST_DOUBTS and what not in self.model.doubts:
             self.model.doubts.append(what)
 
     def end(self, tag: str) -> None:

@@ -103,6 +103,8 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
             return _misfit("misfit", unfit[0], [unfit[1]])
     elif asked.on_feet and (why := _find_other_plate(curves.plate, asked)):
         return _misfit("misfit", why)
+    if (surplus := _find_surplus(curves, asked)) is not None:
+        return _misfit("surplus", f"knots.json lists {surplus}")
     others, detail = _find_others(mesh, curves, radius, solids)
     if len(others):
         return _misfit("joined", f"{detail}, at {spot(others[0])}", others)
@@ -136,6 +138,19 @@ def _find_lacking(curves: Curves, asked: Asked) -> str | None:
         return "knots.json names no rods of an eyelet"
     if asked.hulls is not None and not any(name == asked.hulls[0] for name, _ in curves.hulls):
         return f"knots.json names no {asked.hulls[0]} among its hulls"
+    return None
+
+
+def _find_surplus(curves: Curves, asked: Asked) -> str | None:
+    """Say what knots.json lists that the scene's mount has not, under which matter would belong to it."""
+    if curves.plate is not None and (curves.members or curves.rods or curves.hulls):
+        return "members, rods or hulls beside a plate, which holds the piece alone"
+    if curves.rods and asked.threads is None:
+        return "rods of an eyelet, and by the scene the piece hangs on none"
+    name = None if asked.hulls is None else asked.hulls[0]
+    most = len(curves.members) if name == "dowel" else 1
+    if any(own != name for own, _ in curves.hulls) or len(curves.hulls) > most:
+        return f"{len(curves.hulls)} hulls, more than the scene's mount has"
     return None
 
 
