@@ -68,6 +68,7 @@ Ratio = Annotated[
     float, Strict(), Field(ge=0, le=1e6)
 ]  # ambient light over the lamp's own, and areas in m²
 Volume = Annotated[float, Strict(), Field(ge=0, le=1e9)]  # cm³
+Amount = Annotated[float, Strict(), Field(gt=0, le=1e5)]  # hours, grams
 Pixels = Annotated[float, Strict(), Field(gt=0, le=1024)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Extent = tuple[Length, Length, Length]

@@ -18,6 +18,7 @@ from pydantic_core import PydanticCustomError
 
 from knotfab_formats.bounds import (
     MOST_MM,
+    Amount,
     Angle,
     Auto,
     Coordinate,
@@ -92,6 +93,10 @@ class Piece(Table):
     """none: strands stand on the bed in steep arches, so that the piece prints with supports off;
     slicer: they run as they look best, and the slicer supports them; auto (default): none where
     every check passes."""
+    max_hours: Amount | Auto = option(None, "Print --max-hours")
+    """The longest that it may print; auto (default): as long as it takes."""
+    max_grams: Amount | Auto = option(None, "Print --max-grams")
+    """The most filament that it may take, supports included; auto (default): as much as it takes."""
     bend: Bend | Auto | Annotated[float, Word("off", 0.0)] = option(None, "Piece --bend")
     """Bend several pictures until they agree: auto (default), off, or the most that a point may
     move, as a share of the picture's height, such as 0.05."""

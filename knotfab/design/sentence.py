@@ -11,11 +11,12 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.design.candidates import PICTURE
 from knotfab.design.small import Found
-from knotfab.design.survey import SPILL, Survey, ViewSurvey
+from knotfab.design.survey import SPILL, Survey, ViewSurvey, smaller_size
 from knotfab.picture.opening import is_row
 from knotfab.picture.read import Target
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
+_LONG_H = 48.0  # of printing, from which on a smaller size is named
 _PLATES = {"roots": "in roots", "outline": "in a plate of its outline"}
 _MOUNTS = {"wall": "on pegs", "stand": "on a stand", "hang": "on threads", "none": "with no holder"}
 
@@ -39,7 +40,14 @@ def describe(found: Survey) -> list[str]:
     if (error := found.refusal) is not None:
         why = error.why if error.what == PICTURE else f"{error.what}: {error.why}"
         return [*lines, *told, f"  A build would refuse this: {why}. {error.remedy}"]
-    return [*lines, _describe_tube(found), *_describe_small(found), _describe_piece(found), *told]
+    return [
+        *lines,
+        _describe_tube(found),
+        *_describe_small(found),
+        _describe_piece(found),
+        *_describe_outsized(found),
+        *told,
+    ]
 
 
 def _describe_tube(found: Survey) -> str:
@@ -136,6 +144,27 @@ def _describe_piece(found: Survey) -> str:
     without = f", without {guess.without}" if guess.without else ""
     each = " a frame" if found.frames else ""
     return f"{text}: about {_round(guess.mass_g, 'g')}{hours}{without}{each}."
+
+
+def _describe_outsized(found: Survey) -> list[str]:
+    """Say that a piece is larger than the bed, or prints for over two days, and the size that would do."""
+    printer, guess, size = found.scene.printer, found.guess, found.views[0].view.longer_mm
+    bed, piece = sorted(printer.build_volume_mm), sorted(found.views[0].piece_mm)
+    share = min(room / side for room, side in zip(bed[1:], piece, strict=True))
+    if not found.scene.piece.printed or found.frames or max(piece) > 2000.0:
+        return []
+    if share < 1:
+        room = " × ".join(f"{side:.0f}" for side in printer.build_volume_mm)
+        return [
+            f"  That is larger than {printer.name} prints ({room} mm): --size {smaller_size(size, share, 1)} "
+            "would fit, or another --printer."
+        ]
+    if guess.hours is not None and guess.hours > _LONG_H:
+        side = smaller_size(size, _LONG_H / guess.hours, 2)
+        return [
+            f"  That prints for more than two days: --size {side} would take about {_LONG_H:.0f} h."
+        ]
+    return []
 
 
 def hold_of(scene: ResolvedScene) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,10 +37,11 @@ from knotfab.picture.silhouette import holes_of, opened_share, pieces_of, trace_
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.start import make_template
-from knotfab_formats.piece import Mount
+from knotfab_formats.piece import Mount, Piece
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
+_GUESSED = 1.12  # over a limit, by as much as guesses are off
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _ROOTS = 0.09  # area of roots over the square of the picture's longer side, as built: .08 to .10
 _SPARE = 0.3  # tolerance of a simplified outline, px
@@ -159,6 +161,8 @@ def survey(
         template,
         _outline_mm2(first, scene.mount),
     )
+    if refusal is None and scene.piece.printed:
+        refusal = refuse_price(guess, scene.piece, first.view.longer_mm)
     known = choose or scene.piece.tube_radius_mm is not None
     return Survey(scene, views, radius, guess, frames, refusal, small, known)
 
@@ -275,6 +279,28 @@ def require_drawable(found: Survey) -> None:
     """Raise the survey's refusal, a SceneError, if it has one."""
     if found.refusal is not None:
         raise found.refusal
+
+
+def refuse_price(guess: Guess, asked: Piece, size_mm: float) -> SceneError | None:
+    """Return the error of a piece whose guess exceeds the hours or grams that are allowed, else None.
+
+    A guess that is off by no more than usual passes; then the slicer's figures decide.
+    """
+    cubic = 3.0 if asked.tube_radius_mm is None else 2.0  # a larger picture has a thicker tube
+    for most, found, option, unit, power in (
+        (asked.max_hours, guess.hours, "--max-hours", "h", 2.0),
+        (asked.max_grams, guess.mass_g, "--max-grams", "g", cubic),
+    ):
+        if most is not None and found is not None and found > _GUESSED * most:
+            size = smaller_size(size_mm, most / found, power)
+            why = f"this piece would take about {found:.3g} {unit}"
+            return SceneError(f"{option} {most:g}", why, f"Use --size {size}")
+    return None
+
+
+def smaller_size(size_mm: float, share: float, power: float) -> int:
+    """Return a size, in whole 5 mm, at which a piece takes this share of what goes with that power of it."""
+    return max(5 * math.floor(0.96 * size_mm * share ** (1 / power) / 5), 5)
 
 
 def find_refusal(

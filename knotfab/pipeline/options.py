@@ -141,7 +141,7 @@ def _type_of(model: type[BaseModel], key: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 @_with_keys("views")
-@_with_keys("piece", only=("tube_radius",))
+@_with_keys("piece", only=("tube_radius", "max_hours", "max_grams"))
 @_with_keys("accuracy", only=("accuracy",))
 class PictureOptions:
     """Options for reading a picture and surveying it; None leaves a value to the scene.
@@ -171,6 +171,8 @@ class PictureOptions:
     printer: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
     the names."""
+    nozzle: Annotated[float | None, Parameter(group=_PRINT)] = None
+    """The nozzle's width, such as 0.6, in mm; layer, walls and the thinnest tube follow."""
     material: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A material's name, such as petg, or a file."""
 

@@ -44,7 +44,7 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
         InputError: an option or the scene is wrong, they contradict each other, or a printer or material is
             unknown.
     """
-    from knotfab.scene.catalogue import asked_for, resolve
+    from knotfab.scene.catalogue import asked_for, resolve, with_nozzle
     from knotfab.scene.load import check_scene, load_scene
 
     path = options.scene
@@ -66,6 +66,8 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     update["search"] = {**search, **given["search"], **_search_keys(options)}
     if options.printer is not None:
         update["printer"] = asked_for(Printer, options.printer)
+    if options.nozzle is not None:
+        update["printer"] = with_nozzle(update.get("printer", scene.printer), options.nozzle)
     if options.material is not None:
         update["material"] = asked_for(Material, options.material)
     if options.no_loop:

@@ -22,6 +22,7 @@ from knotfab.request import Request
 from knotfab.scene.catalogue import title_of
 from knotfab_formats.errors import plain
 from knotfab_formats.libraries import list_parts
+from knotfab_formats.piece import Piece
 from knotfab_formats.print_figures import MountFigures, Print
 from knotfab_formats.report import (
     Certificate,
@@ -74,6 +75,23 @@ def check_limits(made: Design) -> Check:
         broken = made.unmet.violations
         detail = "; ".join(broken) + " in the piece that draws the picture. This one keeps them all"
     return at_most("limits", len(broken), 0, "limits broken", detail)
+
+
+def check_price(print_: Print, asked: Piece) -> list[Check]:
+    """Check `hours` and `grams`, where a scene limits them: what the slicer says that the piece takes."""
+    hours = None if print_.time_s is None else print_.time_s / 3600
+    found = []
+    for name, most, took in (
+        ("hours", asked.max_hours, hours),
+        ("grams", asked.max_grams, print_.filament_g),
+    ):
+        if most is not None and took is None:
+            why = "no slicer has told what the piece takes"
+            found.append(Check(name, "skipped", False, None, most, name, why))
+        elif most is not None and took is not None:
+            remedy = f"a smaller --size or --max-{name} {took * 1.02:.3g} would do"
+            found.append(at_most(name, took, most, name, remedy if took > most else ""))
+    return found
 
 
 def tell_binding(made: Design) -> list[str]:

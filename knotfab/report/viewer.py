@@ -80,7 +80,7 @@ def read_viewer_data(folder: Path) -> Record:
             return np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int32)
 
         bodies = [run_limited(read, part.name, seconds=60, remedy="Build it anew.")]
-    return viewer_data(scene, knots, bodies, masks, history=frames, history_label="frame")
+    return viewer_data(scene, knots, bodies, masks, history=frames)
 
 
 def _read_piece(folder: Path, suffix: str) -> tuple[ResolvedScene, Knots, list[Mask]]:
@@ -99,14 +99,13 @@ def viewer_data(
     silhouettes: Sequence[Mask],
     *,
     history: Sequence[HistoryFrame] = (),
-    history_label: str = "search",
 ) -> Record:
     """Pack a written piece for the viewer (docs/viewer.md).
 
     Args:
         scene: with its pose. knots, bodies: as they are in the file, the bodies with their mount.
         silhouettes: (H, W), of the views' pictures.
-        history: what the slider goes through: all frames of a sequence (`history_label` "frame").
+        history: what the slider goes through: all frames of a sequence.
     """
     assert scene.pose is not None
     matrix = np.array(scene.pose.matrix)
@@ -139,7 +138,6 @@ def viewer_data(
                 packed = pack_rows(columns) | {"cell_mm": SUPPORT_CELL_MM}
                 data["print"]["supports"] = packed
     if history:
-        data["history_label"] = history_label
         most = HISTORY_VERTICES // len(history)
         data["history"] = [frame.to_dict(most) for frame in history]
     return data

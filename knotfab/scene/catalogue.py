@@ -71,6 +71,29 @@ def _fill_in(own: Named) -> Named:
     return type(own)(**{**load_named(type(own), name).model_dump(), **written})
 
 
+NOZZLES_MM = 0.1, 1.2  # that filament is printed with
+
+
+def with_nozzle(printer: Printer, nozzle_mm: float) -> Printer:
+    """Return a printer with another nozzle, to which its layer, walls and thinnest tube are in proportion.
+
+    Raises:
+        InputError: the printer has no nozzle, or there is none of that width.
+    """
+    known = _fill_in(printer)
+    if known.process != "filament":
+        why = f"{known.name} prints {known.process} and has no nozzle"
+        raise InputError(f"--nozzle {nozzle_mm:g}", why, "Leave it out")
+    if not NOZZLES_MM[0] <= nozzle_mm <= NOZZLES_MM[1]:
+        why = "there is no such nozzle"
+        raise InputError(f"--nozzle {nozzle_mm:g}", why, "Give one such as 0.25, 0.4, 0.6 or 0.8")
+    share = nozzle_mm / known.nozzle_mm
+    keys = "layer_height_mm", "min_tube_radius_mm", "min_wall_mm", "min_gap_mm"
+    scaled = {key: getattr(known, key) for key in keys}
+    told = {key: round(share * mm, 4) for key, mm in scaled.items() if mm is not None}
+    return printer.but(nozzle_mm=nozzle_mm, **told)
+
+
 def _fill_in_open(printer: Printer) -> ResolvedPrinter:
     """Derive figures that the printer leaves open: most support volume, least wall and gap."""
     width, depth, height = printer.build_volume_mm

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from functools import cache
@@ -31,6 +32,7 @@ from benchmarks.build_table import (
 from benchmarks.features import CELLS, ROWS, Cell, build_cell
 from benchmarks.measurement import Built
 from benchmarks.outside_suites import expected, list_files, run_all, table
+from benchmarks.readme_figures import FIGURES, compare_figures
 from benchmarks.small_pictures import small_pictures
 from benchmarks.traced_colours import light_and_mix, measure_rms, trace_colours, use_mitsuba
 from benchmarks.typed_pages import PAGES, ROOT, broken_promises, commands_of, take_photograph
@@ -289,3 +291,16 @@ def test_a_promise_that_is_off_by_more_than_a_tenth_is_told() -> None:
     assert commands_of("```sh\ncd x\nknotfab build a b  # c\n```\n    knotfab no\n") == [
         ["build", "a", "b"]
     ]
+
+
+def test_readmes_figures_are_held_against_the_build() -> None:
+    text = (ROOT / "README.md").read_text("utf-8")
+    assert len(text.split()) <= 900
+    told = re.search(FIGURES, text, re.DOTALL)
+    assert told is not None
+    grams, hours, iou = (float(one) for one in told.groups())
+    built = {"filament_g": grams, "time_s": 3600 * hours}
+    assert not compare_figures(text, report_with(print=built, views=[{"iou": iou}]))
+    off = report_with(print={**built, "filament_g": grams + 1}, views=[{"iou": iou - 0.01}])
+    assert [line.split(":")[0] for line in compare_figures(text, off)] == ["grams", "IoU"]
+    assert compare_figures("nothing", off)

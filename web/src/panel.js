@@ -169,24 +169,22 @@ export function buildPanel(root, stage) {
     const n = stage.frames.length;
     time.hidden = n === 0;
     if (!n) return;
-    const search = (stage.data.history_label ?? "search") === "search";
-    const last = search ? n : n - 1; // of a search the part itself is its last frame
+    const last = n - 1;
     const input = make("input", {
-      type: "range", min: 0, max: last, step: 1, value: stage.frame ?? last,
-      ariaLabel: search ? "The search, from template to knot" : "Frame of the sequence",
+      type: "range", min: 0, max: last, step: 1, value: stage.frame ?? last, ariaLabel: "Frame of the sequence",
     });
     const output = make("output");
     const show = (k) => {
-      stage.setFrame(search && k === n ? null : k);
-      const text = search && k === n ? "the knot" : (stage.frames[k].label ?? `${k + 1} of ${n}`);
-      output.textContent = text;
-      input.setAttribute("aria-valuetext", text);
+      stage.setFrame(k);
+      output.textContent = nameOf(k);
+      input.setAttribute("aria-valuetext", output.textContent);
     };
+    const nameOf = (k) => stage.frames[k].label ?? `${k + 1} of ${n}`;
     input.addEventListener("input", () => {
       stop();
       show(Number(input.value));
     });
-    const play = make("button", { type: "button", textContent: search ? "The search" : "Play" });
+    const play = make("button", { type: "button", textContent: "Play" });
     const stop = () => {
       clearInterval(playing);
       playing = 0;
@@ -195,17 +193,14 @@ export function buildPanel(root, stage) {
     play.addEventListener("click", () => {
       if (playing) return stop();
       play.setAttribute("aria-pressed", "true");
-      if (Number(input.value) >= last) input.value = 0;
       playing = setInterval(() => {
-        if (Number(input.value) >= last && search) return stop();
-        input.value = Number(input.value) >= last ? 0 : Number(input.value) + 1;
+        input.value = (Number(input.value) + 1) % n;
         show(Number(input.value));
       }, calm() ? 6 * PLAY_MS : PLAY_MS);
       return undefined;
     });
     play.setAttribute("aria-pressed", "false");
-    const text = stage.frame === null && search ? "the knot" : (stage.frames[stage.frame ?? 0].label ?? `1 of ${n}`);
-    output.textContent = text;
+    output.textContent = nameOf(stage.frame ?? 0);
     time.append(play, input, output);
   }
 

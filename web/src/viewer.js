@@ -37,8 +37,7 @@
      wall_mounted?  true: the piece is fixed to the wall, and tilts with it
      print?    {matrix: 4×4 rows, part.stl → scene; bed_mm: [x, y]; supports?: {cell_mm, q, low, step}: packed columns
                  (x, y, from z, to z), n × 4, in the coordinates of part.stl}
-     history?  [{curves, radius?, label?, picture?}] from the template to the knot, or the frames of a sequence
-     history_label?  "search" (default) or "frame"
+     history?  [{curves, radius?, label?, picture?}]: the frames of a sequence
 */
 import { pinholeOf } from "./camera.js";
 import { Stage } from "./stage.js";
