@@ -300,7 +300,7 @@ def refuse_price(guess: Guess, asked: Piece, size_mm: float) -> SceneError | Non
 
 def smaller_size(size_mm: float, share: float, power: float) -> int:
     """Return a size, in whole 5 mm, at which a piece takes this share of what goes with that power of it."""
-    return max(5 * math.floor(0.96 * size_mm * share ** (1 / power) / 5), 5)
+    return int(max(5 * math.floor(0.96 * size_mm * share ** (1 / power) / 5), 5))
 
 
 def find_refusal(

@@ -18,7 +18,7 @@ _WAYS = {
     "slicer": ("--supports slicer", ", supports included and no holder"),
     "none": ("--supports none", ""),
 }
-_STRINGS = 15.0  # starts a layer from which on strings are to be expected
+_STRINGS = 15.0  # retractions a layer from which on strings are to be expected
 _PRESSING = ("fail", "warn", "do", "info")
 
 
@@ -177,10 +177,11 @@ def _list_printing(report: Report) -> Iterator[Row]:
         said += "whoever likes takes them off"
     yield Row(name="supports", value=supports.way, status="do", text=f"{said}.")
     sliced = report.slicer
-    if sliced is not None and sliced.retractions and (sliced.starts_per_layer or 0.0) >= _STRINGS:
+    each = 0.0 if sliced is None else (sliced.retractions or 0) / max(sliced.layers or 1, 1)
+    if sliced is not None and each >= _STRINGS:
         times = f"{sliced.retractions:,}".replace(",", "\u202f")
-        said = f"The nozzle leaves a leg {times} times, {sliced.starts_per_layer:.0f} "
-        said += "a layer: dry the filament, and blow off strings with warm air."
+        said = f"The nozzle leaves a leg {times} times, {each:.0f} a layer: dry the filament, and "
+        said += "blow off strings with warm air."
         yield Row(
             name="strings",
             value=sliced.retractions,

@@ -71,15 +71,15 @@ def read_viewer_data(folder: Path) -> Record:
         assert posed.pose is not None
         placed = made.moved(np.array(posed.pose.matrix))
         frames.append(HistoryFrame(f"frame {number} of {len(read)}", placed, mask))
-    bodies = []
+    bodies: list[Mesh] = []
     if (part := folder / f"part{suffixes[0]}.stl").is_file():
         from trimesh import load_mesh
 
-        def read() -> Mesh:
+        def load() -> Mesh:
             mesh = load_mesh(part)
             return np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int32)
 
-        bodies = [run_limited(read, part.name, seconds=60, remedy="Build it anew.")]
+        bodies = [run_limited(load, part.name, seconds=60, remedy="Build it anew.")]
     return viewer_data(scene, knots, bodies, masks, history=frames)
 
 

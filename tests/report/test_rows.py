@@ -21,7 +21,7 @@ SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60
 
 
 STRINGS = {
-    "retractions": 21121, "starts_per_layer": 68.9, "warnings": [], "checks": [], "proven": [],
+    "retractions": 21121, "layers": 542, "warnings": [], "checks": [], "proven": [],
 }  # fmt: skip
 
 
@@ -72,7 +72,7 @@ TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
     ({"print": {"supports": SUPPORTS, "bars": {"count": 3, "grams": 1.0, "longest_mm": 8.3}}}, "supports",
      {"status": "do", "text": "supports off; its 3 threads, up to 8.3 mm long, lie in the shadow"}),
     ({"print": {"supports": SUPPORTS}, "slicer": STRINGS}, "strings",
-     {"status": "do", "text": "21\u202f121 times, 69 a layer: dry the filament"}),
+     {"status": "do", "text": "21\u202f121 times, 39 a layer: dry the filament"}),
     ({"print": {"supports": {**SUPPORTS, "way": "slicer", "why": "legs failed"}}}, "supports",
      {"text": "with supports: legs failed."}),
     ({"checks": [check_of("shadow", "fail", detail="it is not the picture").__dict__]}, "shadow",
