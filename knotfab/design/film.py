@@ -43,7 +43,7 @@ from knotfab_formats.report import Motion
 from knotfab_formats.scene import ResolvedScene, SettledScene
 from knotfab_formats.search import PRESETS, SearchSettings
 
-POOR = 0.02  # another attempt is made where the IoU is this far below that of the opening
+POOR = 0.025  # another attempt is made where the IoU is this far below that of the opening
 _EDGE = 0.45  # longest spacing of vertices in tube radii, since strands stretch and none is added
 _SLACK = 1.1  # length that a frame's knots may have over the first ones, for pictures of equal area
 _TAUT = 0.05  # weight of the length beyond that
