@@ -77,7 +77,7 @@ def outline_text(text: str, font: str | None = None) -> Outline:
     corners: list[NDArray[np.float64]] = []
     letters: list[tuple[str, float, float]] = []
     for name, glyph, place, own in _lay_out(drawn, files):
-        face = load_font(name)
+        face: Any = load_font(name)
         face.load_glyph(glyph, flags=flags)
         vertices, codes = face.get_path()
         if not len(vertices) and not own.isspace() and is_coloured(name):

@@ -222,8 +222,14 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
             return renderer.render(geometry), frame
 
     try:
-        limits = {"seconds": SECONDS, "gigabytes": GIGABYTES, "verb": "rendering it"}
-        seen, frame = run_limited(render, own.name, remedy=REMEDY, **limits)
+        seen, frame = run_limited(
+            render,
+            own.name,
+            seconds=SECONDS,
+            gigabytes=GIGABYTES,
+            verb="rendering it",
+            remedy=REMEDY,
+        )
         write_shadow(out, seen, frame)
     except CannotRender as error:
         raise MachineError("rendering", error.reason, error.remedy) from error

@@ -3,6 +3,7 @@
 import base64
 import gzip
 import io
+import re
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -450,3 +451,9 @@ def test_what_lies_beside_the_page_is_told(tmp_path: Path, case: str) -> None:
         return
     notes = read(tmp_path, page(body, attributes)).notes
     assert (said in notes[0]) if said else notes == ()
+
+
+def test_base64_without_its_padding_is_read(tmp_path: Path) -> None:
+    padded = next(p for p in map(page, map(embedded, ("png", "gif", "bmp"))) if '="/>' in p)
+    whole, bare = (read(tmp_path, text) for text in (padded, re.sub('=+"/>', '"/>', padded)))
+    assert (bare.mask == whole.mask).all()

@@ -372,6 +372,15 @@ def test_what_programs_put_beside_a_model(case: str) -> None:
     assert (said in notes[0]) if said else notes == []
 
 
+@pytest.mark.parametrize("name", ["part.glb", "part.gltf", "part.stl"])
+def test_a_gltf_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(b"glTF\2\0\0\0" if name != "part.gltf" else b"{}")
+    with pytest.raises(
+        BadFile, match="it is not an STL" if "stl" in name else "it is glTF, .*name part.stl"
+    ):
+        read_mesh(tmp_path / name)
+
+
 def test_what_is_doubted_is_counted_up_to_a_bound() -> None:
     words = "".join(f"<w{k}/>" for k in range(3000))
     text = model(f'<object id="1">{words}{MESH}</object>', '<item objectid="1"/>')
