@@ -152,7 +152,7 @@ _SIDE = 600  # px of the longer side at which the light is estimated
 _CLOSED = (0.36, 0.22, 0.14)
 _UNEVEN = 1.3  # ratio of the brightest light to the darkest above which it disturbs
 _LEVELS = 24  # least number of levels in a photographed border; painted pictures have fewer
-_PAPER, _INK = 0.8, 0.5  # shares of the light that paper reflects at least, and ink at most
+_PAPER, _INK = 0.8, 0.62  # shares of the light that paper reflects at least, and ink at most
 # shares: pixels between paper and ink, at most, to the ink; ink, at least, to the picture
 _BETWEEN, _LEAST = 0.4, 0.004
 _CLEAR = 0.97  # the share of the border that is paper
@@ -183,7 +183,7 @@ def even_out(image: Image.Image) -> Image.Image | None:
         if light is not None and _is_drawing(grey, light):
             size = (rgb.shape[1], rgb.shape[0])
             full = Image.fromarray(light.astype(np.float32)).resize(size, Image.Resampling.BICUBIC)
-            even = 255.0 * rgb / np.maximum(np.asarray(full), 1.0)[..., None]
+            even = 240.0 * rgb / np.maximum(np.asarray(full), 1.0)[..., None]
             return Image.fromarray(np.clip(even, 0, 255).astype(np.uint8))
     return None
 

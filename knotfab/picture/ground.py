@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -36,7 +38,7 @@ def plain_ground(image: Image.Image) -> tuple[Image.Image, str] | None:
     if image.mode.startswith(("I", "F")):
         return None
     rgba = np.asarray(image.convert("RGBA"))
-    for find in (_checkerboard, _squares, _sheet):
+    for find in (_checkerboard, _ruled, _sheet, _punched):
         found = find(rgba[..., :3], rgba[..., 3] >= 128)
         if found is not None:
             return Image.fromarray(found[0]), found[1]
@@ -61,6 +63,8 @@ def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     sides = np.array([side.mean() for side in (sheet[0], sheet[-1], sheet[:, 0], sheet[:, -1])])
     reached = sides.mean()
     bars = max(sides[:2]) < 0.02 or max(sides[2:]) < 0.02
+    if few[paper].std(axis=0).min() > _GRAIN:  # of a photograph, one edge of the sheet may be seen
+        bars |= min(sides) < 0.02 and np.sort(sides)[1] > 0.8
     # a sheet that reaches the edge is a scan whose edge shows, or lies between two bars
     if around.mean() < 0.002 or reached > 0.8 or frame_px(rgb):
         return None
@@ -152,8 +156,8 @@ def _checkerboard(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     )
 
 
-def _squares(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
-    """Paint the lines of squared paper in the paper's colour."""
+def _ruled(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
+    """Paint the lines of squared or lined paper in the paper's colour."""
     if not opaque.all():
         return None
     paper = np.percentile(rgb.reshape(-1, 3)[:: max(1, rgb.size // 300_000)], 90, axis=0)
@@ -161,29 +165,62 @@ def _squares(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     off = away > _NEAR
     if paper.mean() < 150 or not 0.02 < off.mean() < 0.7:
         return None
-    lines = []
+    near, ways, most = np.zeros(away.shape, dtype=bool), 0, 0.0
     for axis in (0, 1):
         along = off.mean(axis=1 - axis) > 0.6
-        starts = np.flatnonzero(along & ~np.roll(along, 1))
-        gaps = np.diff(starts)
-        if (
-            len(starts) < 5
-            or along.mean() > 0.4
-            or np.ptp(gaps[1:-1]) > max(2, 0.1 * np.median(gaps))
-        ):
+        gaps = np.diff(np.flatnonzero(along & ~np.roll(along, 1)))
+        even = len(gaps) > 3 and np.ptp(gaps[1:-1]) <= max(2, 0.1 * np.median(gaps))
+        ways += bool(even and along.mean() <= 0.4)
+        if along.mean() > 0.1 and not even:
             return None
-        wide = along | np.roll(along, 1) | np.roll(along, -1)
-        lines.append((along, wide))
-    cross = lines[0][0][:, None] | lines[1][0]
-    tone = np.median(rgb[cross & off], axis=0)
-    if np.linalg.norm(tone - paper) > 200:  # as dark as ink
+        own = np.where(
+            along, np.median(away, axis=1 - axis), 0.0
+        )  # how far each line is from paper
+        own = np.maximum(own, np.maximum(np.roll(own, 1), np.roll(own, -1)))
+        near |= away <= 1.5 * np.expand_dims(own, 1 - axis)
+        most = max(most, float(own.max()))
+    if not ways or most > 200:  # as dark as ink
         return None
-    near = (lines[0][1][:, None] | lines[1][1]) & (away <= 1.15 * np.linalg.norm(tone - paper))
+    near &= away > 0.0
+    tone = np.median(rgb[near & off], axis=0)
     painted = np.where(near[..., None], paper.astype(np.uint8), rgb)
-    name = name_colour(tone)
+    name, kind = name_colour(tone), "squared" if ways == 2 else "lined"
     return painted.astype(np.uint8), (
-        f"the lines of squared paper ({name}) are left out (--ink {name} draws them)"
+        f"the lines of {kind} paper ({name}) are left out (--ink {name} draws them)"
     )
+
+
+def _punched(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
+    """Paint the holes along the edge of a photographed sheet in the paper's colour."""
+    from scipy import ndimage
+
+    border = take_border(rgb)
+    if not opaque.all() or not is_photographed(border):
+        return None
+    every = -(-max(opaque.shape) // _SIDE)
+    paper = np.median(border, axis=0)
+    labels, _ = pieces_of(_away(rgb[::every, ::every], paper) > _APART)
+    height, width = labels.shape
+    round_ = []
+    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
+        high, wide = rows.stop - rows.start, columns.stop - columns.start
+        disc = (labels[rows, columns] == number).sum() / (high * wide)
+        edge = min(rows.stop, columns.stop, height - rows.start, width - columns.start)
+        if 0.7 < disc < 0.88 and 0.8 < high / wide < 1.25 and edge < _PUNCHED * max(height, width):
+            round_.append((rows.start + rows.stop, columns.start + columns.stop, high))
+    for one, other in combinations(round_, 2):
+        apart = np.sort(np.abs(np.subtract(one[:2], other[:2]))) / 2
+        alike = abs(one[2] - other[2]) <= 0.25 * one[2] and apart[0] < one[2] < 0.2 * apart[1]
+        if not alike:
+            continue
+        y, x = np.ogrid[: rgb.shape[0], : rgb.shape[1]]
+        painted = rgb.copy()
+        for row, column, high in (one, other):
+            reach = every * (0.5 * high + 2)
+            at = (y - 0.5 * every * row) ** 2 + (x - 0.5 * every * column) ** 2 <= reach**2
+            painted[at] = paper.astype(np.uint8)
+        return painted, "two punched holes are left out (--ink dark draws them)"
+    return None
 
 
 # Guessing from its border how to read an opaque picture: thin frames, borders of several colours.
@@ -196,6 +233,8 @@ _MOST = 0.98  # the share of a frame that has its colour
 _SHAPE = 1e-3
 _SPOT = 0.02  # the largest share of the picture that is a spot
 _MAJORITY = 0.6  # a colour with this share of the border is the background
+_GRAIN = 1.2  # least standard deviation of a photographed border, levels
+_PUNCHED = 0.13  # the share of the longer side within which holes are punched
 _FLAT = 0.9  # at most three colours make up this share of a painted border
 
 
@@ -226,6 +265,8 @@ def guess_reading(
     if box is not None:
         rgb = rgb[box[1] : box[1] + box[3], box[0] : box[0] + box[2]]
     border = take_border(rgb)
+    if is_photographed(border) and reading.threshold == Reading().threshold:
+        return reading.but(threshold=_midway(rgb, border)), tuple(notes)
     if threshold := _pale_threshold(rgb, border, reading.threshold):
         notes.append(
             "most of what is drawn is paler than its darkest spot, and is drawn with it "
@@ -249,6 +290,22 @@ def guess_reading(
             f'Say which is drawn: --ink "{one}" or --ink "{other}".',
         )
     return reading, tuple(notes)
+
+
+def is_photographed(border: NDArray[np.uint8]) -> bool:
+    """Return whether a border of one colour has the noise of a camera."""
+    return is_of_one_colour(border, _FLAT) and float(np.std(border, axis=0).min()) > _GRAIN
+
+
+def _midway(rgb: NDArray[np.uint8], border: NDArray[np.uint8]) -> float:
+    """Return the threshold midway between paper and usual ink, which is paler than its darkest pixels."""
+    every = -(-max(rgb.shape[:2]) // 1500)
+    away = _away(rgb[::every, ::every], np.median(border, axis=0))
+    most = float(away.max())
+    ink = away[away > 0.5 * most]
+    for _ in range(4):  # until what lies beyond the threshold no longer changes
+        ink = away[away > 0.5 * np.median(ink)]
+    return round(float(np.clip(0.5 * np.median(ink) / most, 0.2, 0.5)), 3)
 
 
 def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: float) -> float:

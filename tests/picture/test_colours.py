@@ -126,13 +126,22 @@ def board(tile: int, pale: int, dark: int, colour: tuple[int, ...]) -> Image.Ima
     return kite(Image.fromarray(np.stack([levels] * 3, -1)), colour)
 
 
-def squares(step: int, tone: tuple[int, ...]) -> Image.Image:
+def squares(step: int, tone: tuple[int, ...], lined: bool = False) -> Image.Image:
     picture = Image.new("RGB", (SIDE, SIDE), "white")
     pen = ImageDraw.Draw(picture)
     for at in range(0, SIDE, step):
-        pen.line([(at, 0), (at, SIDE)], fill=tone)
         pen.line([(0, at), (SIDE, at)], fill=tone)
+        if not lined:
+            pen.line([(at, 0), (at, SIDE)], fill=tone)
     return kite(picture, (20, 20, 20))
+
+
+def punched() -> Image.Image:
+    grain = np.random.default_rng(0).normal(240, 3, (SIDE, SIDE, 1)).clip(0, 255).repeat(3, axis=2)
+    picture = kite(Image.fromarray(grain.astype(np.uint8)), (20, 20, 20))
+    for y in (0.25, 0.75):
+        ImageDraw.Draw(picture).circle((0.05 * SIDE, y * SIDE), 0.02 * SIDE, fill=(40, 40, 40))
+    return picture
 
 
 def spotted(body: tuple[int, ...], spot: tuple[int, ...]) -> Image.Image:
@@ -154,6 +163,8 @@ CASES = {
     "a red kite on a board": (board(16, 255, 204, (200, 30, 30)), "a painted checkerboard"),
     "grey squares": (squares(20, (170, 170, 170)), "squared paper"),
     "blue squares": (squares(16, (150, 190, 230)), "squared paper"),
+    "blue lines": (squares(16, (150, 190, 230), lined=True), "lined paper"),
+    "punched": (punched(), "two punched holes"),
     "a yellow body": (spotted((255, 228, 110), (0, 0, 0)), "paler than its darkest spot"),
     "a pencil's grey": (spotted((195, 195, 195), (10, 10, 10)), "paler than its darkest spot"),
 }  # fmt: skip
