@@ -55,6 +55,14 @@ def test_a_flat_sheet_tells_what_it_is(mask: NDArray[np.bool_], low: float, high
     assert low <= tell_flat(mask, ell()) <= high
 
 
+@pytest.mark.parametrize("number", [0, 7, 16, 23])
+def test_the_gain_of_a_foreign_sign_is_its_mean_fit_to_the_others(number: int) -> None:
+    signs = told._foreign()
+    fits = [told._fit(signs[number], [sign] * len(told.SEEDS)) for sign in signs]
+    others = np.delete(fits, number)
+    assert others.mean() == pytest.approx(told.GAINS[number], abs=2e-6)
+
+
 @pytest.mark.study
 def test_the_share_follows_what_a_person_named_and_not_the_seed(
     monkeypatch: pytest.MonkeyPatch,
@@ -63,9 +71,7 @@ def test_the_share_follows_what_a_person_named_and_not_the_seed(
     shares = []
     for seeds in (told.SEEDS, (11, 22, 33)):
         monkeypatch.setattr(told, "SEEDS", seeds)
-        told._foreign.cache_clear()
         shares.append(np.array([tell_flat(seen, picture) for seen, picture in views]))
-    told._foreign.cache_clear()
     assert np.corrcoef(*shares)[0, 1] >= 0.9
     assert tell_apart(shares[0], WORDS == 2) > 0.8
     assert np.median(shares[0][WORDS == 2]) > 0.5 > shares[0][WORDS == 0].max()

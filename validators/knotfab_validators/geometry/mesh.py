@@ -17,7 +17,7 @@ Corners = NDArray[np.floating[Any]]
 """(m, 3, 3) the corners of triangles, each with coordinates of its own, as a file gives them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles in mm: `vertices` (n, 3) finite, `faces` (m, 3) indices, m >= 1.
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from math import dist
 
 import numpy as np
 
@@ -18,10 +19,6 @@ from knotfab_validators.geometry.mesh import Mesh, body_volumes, number_bodies
 from knotfab_validators.geometry.surface import survey
 from knotfab_validators.printing.slices import Slices, find_pieces
 from knotfab_validators.tube.solid_matter import Solid, find_hollow
-
-if TYPE_CHECKING:
-    pass
-
 
 SIZE_MM = 0.05  # tolerance of a bar's width and height
 SAME_MM = 0.5  # largest distance between the centres of a bar and of its listing
@@ -40,6 +37,7 @@ class Parted:
     bars: Mesh | None
 
 
+@lru_cache(maxsize=2)  # as printed, and as it is once it has shrunk
 def part_bars(mesh: Mesh) -> Parted:
     """Separate bars from tubes by Euler's characteristic: 2 for a ball, 0 for a torus."""
     if not mesh.usable:
@@ -140,16 +138,14 @@ def _read_bars(bars: Mesh, listed: Sequence[Bar]) -> list[Bar]:
 
 
 def _is_listed(bar: Bar, said: Bar, reach: float) -> bool:
+    ways = ((said.start, said.end), (said.end, said.start))
+    if all(max(dist(bar.start, a), dist(bar.end, b)) > reach for a, b in ways):
+        return False
     if abs(bar.width - said.width) > SIZE_MM or abs(bar.height - said.height) > SIZE_MM:
         return False
     along = (bar.end - bar.start) / np.linalg.norm(bar.end - bar.start)
     aside = np.cross(np.array([said.start, said.end]) - bar.start, along)
-    if (np.linalg.norm(aside, axis=1) > SAME_MM).any():
-        return False
-    ways = ((said.start, said.end), (said.end, said.start))
-    return any(
-        max(np.linalg.norm(bar.start - a), np.linalg.norm(bar.end - b)) <= reach for a, b in ways
-    )
+    return bool((np.linalg.norm(aside, axis=1) <= SAME_MM).all())
 
 
 def _misses(strands: Slices, bar: Bar) -> str:
