@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from knotfab.base.errors import SceneError
-from knotfab.base.progress import Progress
+from knotfab.base.progress import Progress, cpu_seconds
 from knotfab_formats.report import AttemptFigures
 
 if TYPE_CHECKING:
@@ -91,13 +91,13 @@ class Attempts:
             self.made[-1] = replace(self.made[-1], why_next=why)
             self.progress.say(f"{why[0].upper()}{why[1:]}: {attempt.what}")
         answer, failed = None, None
-        begun, cpu = time.perf_counter(), time.process_time()
+        begun, cpu = time.perf_counter(), cpu_seconds()
         try:
             answer = attempt.make()
             outcome = attempt.judge(answer)
         except SceneError as error:
             failed, outcome = error, f"{error.what}: {error.why}"
-        seconds = round(time.perf_counter() - begun, 2), round(time.process_time() - cpu, 2)
+        seconds = round(time.perf_counter() - begun, 2), round(cpu_seconds() - cpu, 2)
         self.made.append(
             AttemptFigures(what=attempt.what, seconds=seconds[0], cpu_s=seconds[1], outcome=outcome)
         )

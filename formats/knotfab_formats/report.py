@@ -221,7 +221,7 @@ class FrameView(View):
 class AttemptFigures:
     """One attempt of a build: a search, a part, or a piece that is written and verified.
 
-    `cpu_s` are those of the build's own process. `why_next` is why another attempt followed.
+    `cpu_s` are those of all its processes. `why_next` is why another attempt followed.
     """
 
     what: str
@@ -236,9 +236,9 @@ class Report:
     """All that a build measured.
 
     `status` follows from the checks, `verdict` is that of the worst view; the limits stand among `effects`
-    too; `timings` are seconds by stage, and their `total`; `notes` are sentences that a reader must not miss,
-    `warnings` those without which the verdict would deceive; `rows` are what a reader is told of all this,
-    the most pressing first.
+    too; `timings` are seconds by stage, and their `total`, `cpu` those of all processes; `notes` are
+    sentences that a reader must not miss, `warnings` those without which the verdict would deceive; `rows`
+    are what a reader is told of all this, the most pressing first.
     """
 
     schema: int = 1
@@ -250,6 +250,7 @@ class Report:
     effects: tuple[EffectLine, ...]
     limits: tuple[LimitLine, ...]
     timings: Mapping[str, float] = field(default_factory=dict)
+    cpu: Mapping[str, float] | None = None
     knots: tuple[KnotFigures, ...]
     print: Print
     settings: Settings

@@ -61,7 +61,8 @@ class Progress:
 
     `auto` draws on `stream` where that is a terminal, and says nothing where it is piped; `quiet`
     never says anything; `verbose` writes a plain line with the time of each finished stage, piped
-    or not, and draws on a terminal as well. `timings` collects seconds per stage in every mode.
+    or not, and draws on a terminal as well. `timings` collects seconds per stage in every mode, and `cpu`
+    those of all processors; a stage in another counts for itself alone.
     Those lines are records of the logger "knotfab", at level INFO in every mode: `verbose` shows them.
 
     Use it as a context manager, so that the terminal is left clean whatever happens:
@@ -89,6 +90,7 @@ class Progress:
     ) -> None:
         self.mode: Mode = mode
         self.timings: dict[str, float] = {}
+        self.cpu: dict[str, float] = {}
         self._stream = sys.stderr if stream is None else stream
         self._events = events
         self._heard = heard
@@ -104,6 +106,7 @@ class Progress:
         self._told: set[str] = set()  # lines that were said
         self._task: rich.progress.TaskID | None = None
         self._began = time.perf_counter() if began is None else began
+        self._spent = cpu_seconds() if began is None else 0.0  # before the beginning
         self._due["standing"] = time.perf_counter() + _KEPT_S
         self._usual: dict[str, float] = {}
         self._before: dict[str, float] = {}  # timings when the stages to come were announced
@@ -122,6 +125,15 @@ class Progress:
     def total(self) -> float:
         """Seconds since this progress began."""
         return time.perf_counter() - self._began
+
+    def account(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Return the seconds and the CPU seconds by stage, with what no stage took and the total."""
+        totals = (self.timings, self.total), (self.cpu, cpu_seconds() - self._spent)
+        wall, cpu = (
+            {**parts, "other": max(total - sum(parts.values()), 0.0), "total": total}
+            for parts, total in totals
+        )
+        return wall, cpu
 
     def __enter__(self) -> Progress:
         if self.draws:
@@ -159,6 +171,7 @@ class Progress:
         A stage that fails is timed as well, and its error is passed on.
         """
         begin = time.perf_counter()
+        before = begin - sum(self.timings.values()), cpu_seconds() - sum(self.cpu.values())
         self._stages.append((name, begin))
         self._fraction, self._last = None, name
         self._draw(name, "")
@@ -166,8 +179,11 @@ class Progress:
         try:
             yield
         finally:
-            seconds = time.perf_counter() - begin
-            self.timings[name] = self.timings.get(name, 0.0) + seconds
+            # since it began, but for the stages within it
+            seconds = time.perf_counter() - sum(self.timings.values()) - before[0]
+            spent = cpu_seconds() - sum(self.cpu.values()) - before[1]
+            self.timings[name] = self.timings.get(name, 0.0) + max(seconds, 0.0)
+            self.cpu[name] = self.cpu.get(name, 0.0) + max(spent, 0.0)
             self._stages.pop()
             self._fraction = None
             if self._stages:
@@ -374,6 +390,27 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self._tell(record.getMessage())
+
+
+def cpu_seconds() -> float:
+    """Return CPU seconds of this process and of all that it started, ended or not."""
+    own = os.times()
+    spent = own.user + own.system + own.children_user + own.children_system
+    return spent + _running_ticks("self", own=False) / _TICKS
+
+
+_TICKS = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
+
+
+def _running_ticks(process: str, own: bool = True) -> int:
+    """Count the ticks of a process (if its `own` count), of its ended children and of the running ones."""
+    folder = Path(f"/proc/{process}")
+    try:
+        fields = (folder / "stat").read_text().rpartition(")")[2].split() if own else ()
+        children = [c for t in folder.glob("task/*/children") for c in t.read_text().split()]
+    except (OSError, ValueError):  # it has just ended, or the system does not say
+        return 0
+    return sum(map(int, fields[11:15])) + sum(map(_running_ticks, children))
 
 
 def process_age() -> float:

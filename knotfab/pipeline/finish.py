@@ -203,11 +203,12 @@ def finish_build(
     Args:
         pieces: one, or the frames of a sequence; the report's viewer shows them.
     """
-    timings = {**progress.timings, "total": progress.total}
+    timings, cpu = progress.account()
     report = replace(
         report,
         title=title,
         timings=timings,
+        cpu=cpu,
         next_step=plan_next_step(report, timings),
         warnings=(
             *tell_lowered(report.checks),

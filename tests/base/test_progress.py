@@ -6,13 +6,15 @@ import base64
 import io
 import json
 import logging
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from knotfab.base.progress import Event, Mode, Progress
+from knotfab.base.progress import Event, Mode, Progress, cpu_seconds
 from knotfab.knots import Knot, Knots
 from knotfab_formats.scene import ResolvedView
 
@@ -91,6 +93,22 @@ def test_nested_stages() -> None:
             progress.update(0.5)
         progress.update(0.75)
     assert set(progress.timings) == {"verify", "shadow"}
+
+
+def test_stages_and_the_rest_add_up_to_the_whole_with_child_processes() -> None:
+    burn = "import time\nwhile time.process_time() < 0.3: pass\nprint()\ninput()"
+    with Progress("quiet") as progress, progress.stage("verify"), progress.stage("shadow"):
+        call = [sys.executable, "-c", burn]
+        with subprocess.Popen(call, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+            assert child.stdout is not None
+            child.stdout.readline()  # it still runs at the end of the stage
+            running = cpu_seconds()
+            child.communicate(b"\n")
+    for account in progress.account():
+        parts = [seconds for name, seconds in account.items() if name != "total"]
+        assert min(parts) >= 0 and sum(parts) == pytest.approx(account["total"], abs=0.05)
+    assert progress.cpu["shadow"] >= 0.28 > progress.cpu["verify"]
+    assert cpu_seconds() >= running - 0.05
 
 
 def test_update_outside_a_stage_is_no_error() -> None:
