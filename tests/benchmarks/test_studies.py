@@ -16,7 +16,7 @@ from PIL import Image
 from reports import report_with
 from validator_parts import circle, tube
 
-from benchmarks import build_table
+from benchmarks import build_table, seconds
 from benchmarks.build_table import (
     COLUMNS,
     PROCESS,
@@ -304,3 +304,26 @@ def test_readmes_figures_are_held_against_the_build() -> None:
     off = report_with(print={**built, "filament_g": grams + 1}, views=[{"iou": iou - 0.01}])
     assert [line.split(":")[0] for line in compare_figures(text, off)] == ["grams", "IoU"]
     assert compare_figures("nothing", off)
+
+
+def test_what_moved_by_more_than_its_tolerance_is_listed() -> None:
+    def report(**figures: float) -> dict[str, Any]:
+        checks = [
+            {"name": name, "status": "pass", "measured": value, "unit": "mm"}
+            for name, value in figures.items()
+        ]
+        return {"checks": checks, "views": [{"iou": 0.99}], "verdict": {"word": "good"}}
+
+    old = report(bend=2.0, gap=0.4, reach=0.30)
+    new = report(bend=2.09, gap=0.43, reach=0.31)
+    (moved, last) = seconds.compare({"a": old, "b": old}, {"a": new})
+    assert moved.startswith("a  gap: pass 0.4 -> pass 0.43") and last.startswith("1 builds, 3 ")
+    new["checks"][0]["status"], new["views"][0]["iou"] = "fail", 0.98
+    told = list(seconds.compare({"a": old}, {"a": new}))
+    assert [line.split(":")[0] for line in told[:-1]] == ["a  bend", "a  gap", "a  IoU"]
+
+
+def test_short_searches_are_no_full_ones() -> None:
+    whats = ["search: a tube", "search from more arches", "short search without it", "part on legs"]
+    built = {"attempts": [{"what": what} for what in whats]}
+    assert list(seconds.count_searches({"a": built})) == ["a  2", "mean 2.00 of 1 builds"]

@@ -77,7 +77,7 @@ def tell_side(local: Array, faces: Ints, side: tuple[int, int], target: Mask) ->
 
 
 def _look(seen: Array, faces: Ints, side: tuple[int, int], picture: _Picture) -> list[Array]:
-    """Draw faces (m, 3) between vertices `seen` (3, n), which are in the view's axes, from nearly one side."""
+    """Draw faces (m, 3) between vertices `seen` (3, n), in the view's axes, from nearly one side."""
     turned = [_look_from(*_beside(side, by)) @ seen for by in NEARBY_DEG]
     return [_draw_look(points, faces, picture.wide) for points in turned]
 
