@@ -1,9 +1,10 @@
 """What builds cost, stage by stage, beside those of another checkout, or by themselves.
 
-`python -m benchmarks.seconds [BEFORE] [--only NAME ...] [--runs 5] [--options WORD ...] [--out DIR]`
-builds each picture with the packages of the checkout BEFORE (whose loops are compiled by the first run) and
-with those here, in turn, and prints the medians: CPU seconds of all processes, seconds, memory, and what report.json says of the stages.
-Then come all checks whose figure moved by more than its tolerance. `--options` replaces those of the builds.
+`python -m benchmarks.seconds [BEFORE] [--only NAME ...] [--runs 5] [--options="WORDS"] [--out DIR]` builds each
+picture with the packages of the checkout BEFORE (whose loops the first run compiles) and with those here, in
+turn, and prints the medians: CPU seconds of all processes, seconds, memory, and the stages of report.json.
+Then come all checks whose figure moved by more than its tolerance. The options are "--print --skip slicer"
+unless others are given.
 
 `python -m benchmarks.seconds --reports OLD NEW` compares two folders of builds that were made already.
 `python -m benchmarks.seconds --searches DIR` counts the full searches of the builds in a folder.
@@ -30,7 +31,7 @@ Reports = dict[str, dict[str, Any]]
 
 
 def build(checkout: Path, picture: Path, out: Path, options: str) -> dict[str, float]:
-    """Build a picture in a checkout; return what it took by stage."""
+    """Build a picture by a checkout's packages; return what it took by stage."""
     built = build_apart(picture, out, *options.split(), printing=False, checkout=checkout)
     took = {"exit code": float(built.code), "CPU": built.cpu_s, "wall": built.wall_s}
     took["peak MB"] = built.peak_mb
