@@ -1,7 +1,7 @@
 """What builds cost, stage by stage, beside those of another checkout, or by themselves.
 
-`python -m benchmarks.seconds [BEFORE] [--only NAME ...] [--runs 5] [--options="WORDS"] [--out DIR]` builds each
-picture with the packages of the checkout BEFORE (whose loops the first run compiles) and with those here, in
+`python -m benchmarks.seconds [BEFORE] [--only NAME ...] [--runs 5] [--options="WORDS"] [--out DIR]` builds
+pictures with the packages of the checkout BEFORE (whose loops the first run compiles) and with those here, in
 turn, and prints the medians: CPU seconds of all processes, seconds, memory, and the stages of report.json.
 Then come all checks whose figure moved by more than its tolerance. The options are "--print --skip slicer"
 unless others are given.
