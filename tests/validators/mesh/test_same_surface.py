@@ -278,6 +278,7 @@ STEERED: dict[str, tuple[str, str, str]] = {
     "an attribute": (START, "<item |<item partnumber='5' ", "the attribute partnumber of item"),
     "an object that is not placed": (START, "<resources>|<resources><object id='9'/>", "has object 9"),
     "another kind of object": (START, "type=\"model\"|type=\"surface\"", "an object of the type surface"),
+    "no such material": (START, "<object |<object pid='9' ", "a material that is not there"),
     "a comment": (START, "<resources|<!-- <vertices> --><resources", "has a comment"),
     "an instruction": (START, "<resources|<?slicer raft='1'?><resources", "has an instruction"),
     "raw text": (START, "</resources|<![CDATA[ ]]></resources", "has raw text"),

@@ -270,6 +270,7 @@ class _Reader:
         self.spaces: dict[str, str] = {}
         self.shape, self.placed = Shape(), 0
         self.told: set[str] = set()
+        self.materials: set[str | None] = {None}
         self.cura, self.said = "", ""  # metadata of an object that is open, and its text
 
     def watch(self, parser: Any) -> None:
@@ -351,6 +352,10 @@ class _Reader:
             self._doubt(f"an attribute of {name} of several lines")
         if tag == METADATA and (word := given.get("name", "")) not in TITLES:
             self._doubt(f"the setting {short(word)}")
+        if tag == MATERIALS:
+            self.materials.add(given.get("id"))
+        if tag == OBJECT and given.get("pid") not in self.materials:
+            self._doubt("an object of a material that is not there")
         if tag == OBJECT and given.get("type", "model") != "model":
             self._doubt(f"an object of the type {short(given['type'])}")
 
