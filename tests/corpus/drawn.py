@@ -503,7 +503,7 @@ def _fits(held: Held, key: str) -> bool:
     table, _, name = key.partition(".")
     mount = held.scene["mount"]
     asked = held.scene[table]
-    value = (asked[0] if isinstance(asked, list) else asked)[name]
+    value = (asked[0] if isinstance(asked, list) else asked).get(name)
     if isinstance(LOOSER[key], tuple) and not isinstance(value, int | float):
         return False
     return {

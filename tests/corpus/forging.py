@@ -248,9 +248,8 @@ def write_held(holder: str, folder: Path) -> None:
     part = part_of(made, True, targets)
     with OutputFolder(folder) as staged:
         write_part(staged, part, pose_scene(part), targets)
-        settings = imply_settings(
-            scene.printer, scene.material, scene.mount, scene.piece.supports == "none", STYLES[0]
-        )
+        asked = scene.printer, scene.material, scene.mount, scene.piece.tube_radius_mm
+        settings = imply_settings(*asked, scene.piece.supports == "none", STYLES[0])
         staged.write(PROFILE, "".join(f"{k} = {v}\n" for k, v in settings.items()))
         staged.commit()
 
