@@ -1,4 +1,4 @@
-"""Colours of a picture: clusters of opaque pixels, enclosed parts, and uneven light on paper."""
+"""Colours of a picture: clusters of opaque pixels, and enclosed parts."""
 
 from __future__ import annotations
 
@@ -143,97 +143,6 @@ def _part_sharply(colours: Colours, part: Mask, main: Mask) -> bool:
     rim = colours[part & ndimage.maximum_filter(main, _WINDOW)]
     shore = colours[main & ndimage.maximum_filter(part, _WINDOW)]
     return bool(np.linalg.norm(rim.mean(0) - shore.mean(0)) >= _SHARP)
-
-
-# Drawings on paper photographed under uneven light: the light is divided out.
-
-_SIDE = 600  # px of the longer side at which the light is estimated
-# shares of that side, wider than strokes and narrower than shadows; each is tried
-_CLOSED = (0.36, 0.22, 0.14)
-_UNEVEN = 1.3  # ratio of the brightest light to the darkest above which it disturbs
-_LEVELS = 24  # least number of levels in a photographed border; painted pictures have fewer
-_PAPER, _INK = 0.8, 0.62  # shares of the light that paper reflects at least, and ink at most
-# shares: pixels between paper and ink, at most, to the ink; ink, at least, to the picture
-_BETWEEN, _LEAST = 0.4, 0.004
-_CLEAR = 0.97  # the share of the border that is paper
-# a step in the picture itself, over the light, and the share of an outline that has one
-_EDGE, _EDGES = 0.3, 0.85
-
-
-def even_out(image: Image.Image) -> Image.Image | None:
-    """Return a dark drawing on paper under even light; None for other pictures or light even enough.
-
-    It must have clear edges where it is dark after division by the light, little that is neither dark nor
-    light, and a border of paper of one hue.
-    """
-    rgb = np.asarray(image.convert("RGB"))
-    every = -(-max(rgb.shape[:2]) // _SIDE)
-    few = rgb[::every, ::every].astype(np.float64)
-    border = np.concatenate([few[0], few[-1], few[1:-1, 0], few[1:-1, -1]])
-    bright = border.mean(axis=1)
-    shares = border[:, :2] / np.maximum(border.sum(axis=1, keepdims=True), 1.0)
-    if np.percentile(bright, 98) < _UNEVEN * np.percentile(bright, 2):
-        return None
-    # the largest standard deviation of the shares of red and green along a paper's border
-    if len(np.unique(bright.round())) < _LEVELS or shares.std(axis=0).max() > 0.04:
-        return None
-    grey = few.mean(axis=2)
-    for closed in _CLOSED:
-        light = _estimate_light(grey, closed)
-        if light is not None and _is_drawing(grey, light):
-            size = (rgb.shape[1], rgb.shape[0])
-            full = Image.fromarray(light.astype(np.float32)).resize(size, Image.Resampling.BICUBIC)
-            even = 240.0 * rgb / np.maximum(np.asarray(full), 1.0)[..., None]
-            return Image.fromarray(np.clip(even, 0, 255).astype(np.uint8))
-    return None
-
-
-def _estimate_light(grey: Array, closed: float) -> Array | None:
-    """Estimate the paper's brightness, also under the ink, (h, w); None where there is no paper."""
-    from scipy import ndimage
-
-    coarse = max(1, max(grey.shape) // 150)
-    small = ndimage.median_filter(grey, 3)[::coarse, ::coarse]
-    side = max(3, round(closed * max(small.shape)))
-    # the picture goes on beyond its edge, so that a dark corner is no stroke
-    filled = ndimage.grey_closing(np.pad(small, side, mode="edge"), (side, side))
-    paper = small > _PAPER * filled[side:-side, side:-side]
-    # pixels beside ink are blurred with it
-    paper &= ~ndimage.binary_dilation(~paper)
-    if not paper.any():
-        return None
-    light = np.zeros_like(small)
-    known = np.zeros(small.shape, dtype=bool)
-    for spread in 2.0 ** np.arange(0, 8):  # wider where paper is farther
-        weight = ndimage.gaussian_filter(paper.astype(float), spread)
-        told = ~known & (weight > 0.05)
-        light[told] = (ndimage.gaussian_filter(small * paper, spread) / np.maximum(weight, 1e-9))[
-            told
-        ]
-        known |= told
-    light[~known] = light[known].mean()
-    rows, columns = (np.linspace(0, n - 1, m) for n, m in zip(small.shape, grey.shape, strict=True))
-    at = np.meshgrid(rows, columns, indexing="ij")
-    return np.asarray(ndimage.map_coordinates(ndimage.gaussian_filter(light, 0.7), at, order=1))
-
-
-def _is_drawing(grey: Array, light: Array) -> bool:
-    """Return whether a picture divided by this light is dark ink on paper."""
-    from scipy import ndimage
-
-    if np.percentile(light, 98) < _UNEVEN * np.percentile(light, 2):
-        return False
-    share = ndimage.median_filter(grey, 3) / light
-    ink: Mask = share < _INK
-    between = (share >= _INK) & (share < _PAPER)
-    rim = np.concatenate([share[0], share[-1], share[:, 0], share[:, -1]])
-    if ink.mean() < _LEAST or between.mean() > _BETWEEN * ink.mean() + _LEAST:
-        return False
-    if (rim >= _PAPER).mean() < _CLEAR:
-        return False
-    outline = ink & ~ndimage.binary_erosion(ink)
-    step = ndimage.maximum_filter(grey, 7) - ndimage.minimum_filter(grey, 7)
-    return bool((step > _EDGE * light)[outline].mean() >= _EDGES)
 
 
 # What kind of a picture its colours tell.

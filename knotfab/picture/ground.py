@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -38,7 +36,7 @@ def plain_ground(image: Image.Image) -> tuple[Image.Image, str] | None:
     if image.mode.startswith(("I", "F")):
         return None
     rgba = np.asarray(image.convert("RGBA"))
-    for find in (_checkerboard, _ruled, _sheet, _punched):
+    for find in (_checkerboard, _ruled, _sheet):
         found = find(rgba[..., :3], rgba[..., 3] >= 128)
         if found is not None:
             return Image.fromarray(found[0]), found[1]
@@ -63,8 +61,6 @@ def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     sides = np.array([side.mean() for side in (sheet[0], sheet[-1], sheet[:, 0], sheet[:, -1])])
     reached = sides.mean()
     bars = max(sides[:2]) < 0.02 or max(sides[2:]) < 0.02
-    if few[paper].std(axis=0).min() > _GRAIN:  # of a photograph, one edge of the sheet may be seen
-        bars |= min(sides) < 0.02 and np.sort(sides)[1] > 0.8
     # a sheet that reaches the edge is a scan whose edge shows, or lies between two bars
     if around.mean() < 0.002 or reached > 0.8 or frame_px(rgb):
         return None
@@ -76,7 +72,7 @@ def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
         return None
     if not clear.any() and bright[around].max() < _INK and sheet.mean() < _PAGE:
         return None  # a light shape on flat black is drawn so
-    if not _has_four_corners(sheet):
+    if not has_four_corners(sheet):
         return None
     from scipy import ndimage
 
@@ -96,7 +92,7 @@ def _sheet(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     )
 
 
-def _has_four_corners(sheet: Mask) -> bool:
+def has_four_corners(sheet: Mask) -> bool:
     rows, columns = sheet.nonzero()
     hull = shapely.convex_hull(shapely.MultiPoint(find_ends(sheet)))
     if not isinstance(hull, shapely.Polygon) or len(rows) < 0.95 * hull.area:
@@ -190,39 +186,6 @@ def _ruled(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     )
 
 
-def _punched(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
-    """Paint the holes along the edge of a photographed sheet in the paper's colour."""
-    from scipy import ndimage
-
-    border = take_border(rgb)
-    if not opaque.all() or not is_photographed(border):
-        return None
-    every = -(-max(opaque.shape) // _SIDE)
-    paper = np.median(border, axis=0)
-    labels, _ = pieces_of(_away(rgb[::every, ::every], paper) > _APART)
-    height, width = labels.shape
-    round_ = []
-    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
-        high, wide = rows.stop - rows.start, columns.stop - columns.start
-        disc = (labels[rows, columns] == number).sum() / (high * wide)
-        edge = min(rows.stop, columns.stop, height - rows.start, width - columns.start)
-        if 0.7 < disc < 0.88 and 0.8 < high / wide < 1.25 and edge < _PUNCHED * max(height, width):
-            round_.append((rows.start + rows.stop, columns.start + columns.stop, high))
-    for one, other in combinations(round_, 2):
-        apart = np.sort(np.abs(np.subtract(one[:2], other[:2]))) / 2
-        alike = abs(one[2] - other[2]) <= 0.25 * one[2] and apart[0] < one[2] < 0.2 * apart[1]
-        if not alike:
-            continue
-        y, x = np.ogrid[: rgb.shape[0], : rgb.shape[1]]
-        painted = rgb.copy()
-        for row, column, high in (one, other):
-            reach = every * (0.5 * high + 2)
-            at = (y - 0.5 * every * row) ** 2 + (x - 0.5 * every * column) ** 2 <= reach**2
-            painted[at] = paper.astype(np.uint8)
-        return painted, "two punched holes are left out (--ink dark draws them)"
-    return None
-
-
 # Guessing from its border how to read an opaque picture: thin frames, borders of several colours.
 
 _ALIKE, _APART = 24.0, 96.0  # levels, Euclidean in RGB: within one colour, and between two
@@ -233,8 +196,6 @@ _MOST = 0.98  # the share of a frame that has its colour
 _SHAPE = 1e-3
 _SPOT = 0.02  # the largest share of the picture that is a spot
 _MAJORITY = 0.6  # a colour with this share of the border is the background
-_GRAIN = 1.2  # least standard deviation of a photographed border, levels
-_PUNCHED = 0.13  # the share of the longer side within which holes are punched
 _FLAT = 0.9  # at most three colours make up this share of a painted border
 
 
@@ -265,8 +226,6 @@ def guess_reading(
     if box is not None:
         rgb = rgb[box[1] : box[1] + box[3], box[0] : box[0] + box[2]]
     border = take_border(rgb)
-    if is_photographed(border) and reading.threshold == Reading().threshold:
-        return reading.but(threshold=_midway(rgb, border)), tuple(notes)
     if threshold := _pale_threshold(rgb, border, reading.threshold):
         notes.append(
             "most of what is drawn is paler than its darkest spot, and is drawn with it "
@@ -290,22 +249,6 @@ def guess_reading(
             f'Say which is drawn: --ink "{one}" or --ink "{other}".',
         )
     return reading, tuple(notes)
-
-
-def is_photographed(border: NDArray[np.uint8]) -> bool:
-    """Return whether a border of one colour has the noise of a camera."""
-    return is_of_one_colour(border, _FLAT) and float(np.std(border, axis=0).min()) > _GRAIN
-
-
-def _midway(rgb: NDArray[np.uint8], border: NDArray[np.uint8]) -> float:
-    """Return the threshold midway between paper and usual ink, which is paler than its darkest pixels."""
-    every = -(-max(rgb.shape[:2]) // 1500)
-    away = _away(rgb[::every, ::every], np.median(border, axis=0))
-    most = float(away.max())
-    ink = away[away > 0.5 * most]
-    for _ in range(4):  # until what lies beyond the threshold no longer changes
-        ink = away[away > 0.5 * np.median(ink)]
-    return round(float(np.clip(0.5 * np.median(ink) / most, 0.2, 0.5)), 3)
 
 
 def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: float) -> float:

@@ -14,8 +14,8 @@ from PIL import Image
 
 from knotfab.base.disk import at_home, read_file
 from knotfab.picture import raster
-from knotfab.picture.colours import even_out
 from knotfab.picture.ground import plain_ground
+from knotfab.picture.paper import read_paper
 from knotfab_formats.errors import InputError, shown
 
 TEXT_PREFIX = "text:"
@@ -62,13 +62,8 @@ def title_of(given: str) -> str:
 
 
 def bare_picture(image: Image.Image, whole: bool) -> tuple[Image.Image, str] | None:
-    """Return a picture without its ground, if it is `whole`, or without its uneven light, with a note."""
-    plain = plain_ground(image) if whole else None
-    if plain is not None:
-        return plain
-    even = even_out(image)
-    note = "the light on it is uneven, and is taken out of it (--ink dark leaves it)"
-    return None if even is None else (even, note)
+    """Return what is drawn on paper, or a picture that is `whole` without its ground, with a note."""
+    return read_paper(image) or (plain_ground(image) if whole else None)
 
 
 def read_bytes(

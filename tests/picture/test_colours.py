@@ -14,7 +14,7 @@ from scipy import ndimage
 from tables import some
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.picture.colours import even_out
+from knotfab.picture.paper import read_paper
 from knotfab.picture.raster import encode_mask, silhouette_uri
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import holes_of, mask_iou, pieces_of
@@ -61,7 +61,7 @@ def test_a_drawing_keeps_its_holes(drawn: str, light: str, tmp_path: Path) -> No
     assert mask_iou(read.mask, ink) > 0.95
     assert len(holes_of(read.mask)[1]) == len(holes_of(ink)[1])
     assert len(pieces_of(read.mask)[1]) == len(pieces_of(ink)[1])
-    assert "uneven" in read.notes[0]
+    assert "uneven light on the paper" in read.notes[0]
     (tmp_path / "kept.png").write_bytes(encode_mask(read.asked))
     again = read_target(tmp_path / "kept.png")  # as a build's folder has it
     assert (again.mask == read.mask).all() and not again.notes
@@ -87,7 +87,7 @@ def test_a_drawing_keeps_its_holes(drawn: str, light: str, tmp_path: Path) -> No
 )
 @pytest.mark.study
 def test_what_is_no_drawing_on_paper_stays(grey: Array) -> None:
-    assert even_out(photograph(grey)) is None
+    assert read_paper(photograph(grey)) is None
 
 
 # Drawings on a sheet within the picture, on a painted board, on squares, and pale ones with a
@@ -164,7 +164,7 @@ CASES = {
     "grey squares": (squares(20, (170, 170, 170)), "squared paper"),
     "blue squares": (squares(16, (150, 190, 230)), "squared paper"),
     "blue lines": (squares(16, (150, 190, 230), lined=True), "lined paper"),
-    "punched": (punched(), "two punched holes"),
+    "punched": (punched(), "punched holes are left out"),
     "a yellow body": (spotted((255, 228, 110), (0, 0, 0)), "paler than its darkest spot"),
     "a pencil's grey": (spotted((195, 195, 195), (10, 10, 10)), "paler than its darkest spot"),
 }  # fmt: skip

@@ -1,0 +1,183 @@
+"""A photographed drawing on paper: its ink, without light, ruled lines, and what the paper lies on."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from PIL import Image
+
+from knotfab.base.arrays import Array, Mask
+from knotfab.picture.ground import has_four_corners
+from knotfab.picture.ink import take_border
+
+_SIDE = 600  # px of the longer side at which the light on the paper is estimated
+_LEVELS = 12  # of brightness along a photograph's border, at least; painted pictures have fewer
+_RULE = 7  # px at that size: lines of paper, and thin strokes, are narrower
+# change of log brightness a px: shadows are softer, outlines of ink sharper, those not shrunk even more so
+_STEP, _STEP_UNSHRUNK = 0.045, 0.065
+_SHEET = 0.15  # the share of the picture that blank paper covers at least
+_CHROMA = 0.4  # of paper, at most
+_PALE = 0.12  # log darkness of what is still paper
+_ENCLOSED = 0.35  # log darkness of paper within ink, at most, as a share of the ink's
+_FAINT = 0.16  # share of the light that ink takes, at least
+_MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its soft or shaded edge
+# shares of the longer side: the least part, and half the width of the thinnest; the least hole
+_PART, _THIN, _HOLE = 0.006, 0.0022, 0.005
+_PUNCHED = 0.13  # the share of the longer side within which holes are punched
+_LEAST, _MOST = 0.002, 0.5  # shares of the picture that ink covers
+_SHARP, _EDGES = (
+    1.2,
+    0.9,
+)  # thresholds crossed within a few px of an outline; the share of it that is so
+_BETWEEN = 0.3  # what is neither ink nor paper, as a share of the ink, at most
+
+
+def read_paper(image: Image.Image) -> tuple[Image.Image, str] | None:
+    """Return the ink of a photographed drawing, black on white, with a note; None for other pictures.
+
+    Paper is what can be reached from its largest blank part without a step: light and shadows fall off
+    softly, and an outline of ink does not. Ink is what is darker than the paper about it by more than half of
+    what ink is in the middle.
+    """
+    if image.mode.startswith(("I", "F")) or image.has_transparency_data:
+        return None
+    rgb = np.asarray(image.convert("RGB"))
+    if len(np.unique(take_border(rgb).mean(axis=1).round())) < _LEVELS:
+        return None
+    found = _find_paper(image.convert("RGB"))
+    ink = None if found is None else _find_ink(rgb, *found[:2])
+    if found is None or ink is None:
+        return None
+    mask, punched = ink
+    gone = [
+        "the uneven light on the paper",
+        *["what it lies on"] * (not found[2]),
+        *["punched holes"] * punched,
+    ]
+    note = f"{' and '.join(gone)} {'is' if len(gone) == 1 else 'are'} left out"
+    return Image.fromarray(~mask), f"{note} (--ink dark reads the picture as it is)"
+
+
+def _find_paper(image: Image.Image) -> tuple[Array, Mask, bool] | None:
+    """Return the light on the paper (h, w, 3), also under ink, and the sheet (h, w), both shrunk.
+
+    None without paper. The sheet is whole where it goes on beyond the picture's edges.
+    """
+    from scipy import ndimage
+
+    shrunk = max(1.0, max(image.size) / _SIDE)
+    step = _STEP if shrunk > 1.5 else _STEP_UNSHRUNK
+    size = round(image.width / shrunk) or 1, round(image.height / shrunk) or 1
+    small = np.asarray(image.resize(size, Image.Resampling.BOX), dtype=np.float64)
+    logs = np.log(np.maximum(small, 6.0))
+    blank = ndimage.grey_closing(logs.mean(axis=2), (_RULE, _RULE))
+    labels, count = ndimage.label(ndimage.gaussian_gradient_magnitude(blank, 1.0) < step)
+    if not count:
+        return None
+    number = np.arange(1, count + 1)
+    area = np.bincount(labels.ravel())[1:]
+    bright = ndimage.median(small.mean(axis=2), labels, number)
+    chroma = ndimage.median(
+        np.ptp(small, axis=2) / np.maximum(small.max(axis=2), 1), labels, number
+    )
+    main = labels == number[np.where(np.asarray(chroma) < _CHROMA, area * bright, 0.0).argmax()]
+    if main.mean() < _SHEET:
+        return None
+    thick = blank - logs.mean(axis=2) < _PALE  # no thin stroke
+    light = _spread(logs, ndimage.binary_erosion(main & thick, border_value=1))
+    filled = ndimage.binary_fill_holes(main)
+    # what ink encloses may lie in more light, or in less, but is not nearly as dark as ink
+    darker = (light - logs).mean(axis=2)
+    usual = np.asarray(ndimage.median(darker, labels, number))
+    enclosed = np.concatenate(
+        [[False], usual < _ENCLOSED * usual[area > _RULE**2].max(initial=0.0)]
+    )
+    pale = (darker < _PALE) | (enclosed[labels] & ~main & thick)
+    paper = pale & ndimage.binary_dilation(filled, iterations=3)
+    light = np.exp(_spread(logs, ndimage.binary_erosion(paper, border_value=1) | (main & paper)))
+    sides = np.mean([side.mean() for side in (filled[0], filled[-1], filled[:, 0], filled[:, -1])])
+    if sides > 0.8:
+        return light, np.ones_like(filled), True
+    if not has_four_corners(filled):
+        return None
+    steps = max(2, round(_MARGIN * max(filled.shape)))
+    return light, ndimage.binary_erosion(filled, iterations=steps), False
+
+
+def _spread(values: Array, known: Mask) -> Array:
+    """Return smoothed values (h, w, n); where none is known, means of those about, wider if far."""
+    from scipy import ndimage
+
+    found, told = np.empty_like(values), np.zeros_like(known)
+    found[:] = values[known].mean(axis=0)
+    for width in 2.0 ** np.arange(9):
+        weight = ndimage.gaussian_filter(known.astype(np.float64), width)
+        here = ~told & (weight > 0.05)
+        for k in range(values.shape[2]):
+            mean = ndimage.gaussian_filter(values[..., k] * known, width)
+            found[here, k] = mean[here] / weight[here]
+        told |= here
+        if told.all():
+            break
+    return np.asarray(ndimage.gaussian_filter(found, (1.0, 1.0, 0.0)))
+
+
+def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None:
+    """Return what is ink on a sheet, (H, W), and whether punched holes are left out; None if no drawing."""
+    from scipy import ndimage
+
+    size, side = (rgb.shape[1], rgb.shape[0]), max(rgb.shape)
+    dark = np.ones(rgb.shape[:2])
+    for k in range(3):
+        full = Image.fromarray(light[..., k].astype(np.float32)).resize(
+            size, Image.Resampling.BICUBIC
+        )
+        dark -= np.minimum(rgb[..., k] / np.maximum(np.asarray(full), 1.0), 1.5) / 3
+    dark = ndimage.gaussian_filter(dark, max(0.7, 0.0008 * side))
+    dark[~np.asarray(Image.fromarray(sheet).resize(size))] = 0.0
+    few = ndimage.grey_opening(dark[::2, ::2], (3, 3))
+    thick = few[few > _FAINT]
+    if len(thick) < _LEAST * few.size:
+        return None
+    least = max(0.75 * _FAINT, 0.5 * float(np.median(thick)))
+    mask = dark > least
+    labels, count = ndimage.label(mask)
+    half = ndimage.maximum(ndimage.distance_transform_edt(mask), labels, np.arange(count + 1))
+    kept = (np.bincount(labels.ravel()) >= (_PART * side) ** 2) & (np.asarray(half) >= _THIN * side)
+    kept[0] = False
+    punched = _find_punched(labels, side)
+    kept[punched] = False
+    mask = kept[labels]
+    labels, _ = ndimage.label(~mask)
+    mask |= (np.bincount(labels.ravel()) < (_HOLE * side) ** 2)[labels]
+    between = (dark > _FAINT) & (dark < least) & ~ndimage.binary_dilation(mask, iterations=3)
+    if not _LEAST <= mask.mean() <= _MOST or between.mean() > _BETWEEN * mask.mean():
+        return None
+    outline = mask & ~ndimage.binary_erosion(mask, border_value=1)
+    across = ndimage.maximum_filter(dark, _RULE) - ndimage.minimum_filter(dark, _RULE)
+    if np.mean(across[outline] > _SHARP * least) < _EDGES:
+        return None
+    return mask, bool(punched)
+
+
+def _find_punched(labels: Array, side: int) -> list[int]:
+    """List the parts that are two discs alike, far apart along one edge: the holes of a punched sheet."""
+    from scipy import ndimage
+
+    discs: list[tuple[int, float, float, int]] = []
+    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
+        high, wide = rows.stop - rows.start, columns.stop - columns.start
+        edge = min(
+            rows.stop, columns.stop, labels.shape[0] - rows.start, labels.shape[1] - columns.start
+        )
+        if edge < _PUNCHED * side and 0.8 < high / wide < 1.25:
+            filled = (labels[rows, columns] == number).sum() / (high * wide)
+            if 0.7 < filled < 0.88:
+                discs.append((number, rows.start + high / 2, columns.start + wide / 2, high))
+    pairs = []
+    for one, other in combinations(discs, 2):
+        near, far = sorted((abs(one[1] - other[1]), abs(one[2] - other[2])))
+        if abs(one[3] - other[3]) <= 0.25 * one[3] and near < one[3] < 0.2 * far:
+            pairs += [one[0], other[0]]
+    return pairs
