@@ -52,7 +52,7 @@ def take_photograph(folder: Path, path: Path) -> None:
     scene = load_scene(folder / "scene.toml")
     view = scene.views[0]
     shadow = folder / f"shadow-{view.name}.png"
-    asked = read_target(folder / view.picture, view).asked
+    asked = read_target(folder / view.picture).asked
     image = (
         Image.open(shadow).convert("L")
         if shadow.is_file()

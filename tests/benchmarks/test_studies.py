@@ -244,7 +244,8 @@ def test_what_lamps_mix_is_what_a_path_tracer_sees() -> None:
 
 def build(request: Request, progress: Progress) -> Outcome:
     """Write what a later command reads: scene, pictures, and that there is a report."""
-    views = [frame_view(v, t) for v, t in zip(request.scene.views, request.targets, strict=False)]
+    pairs = zip(request.scene.views, request.targets, strict=False)
+    views = [frame_view(view, target).as_written() for view, target in pairs]
     with OutputFolder(request.out) as folder:
         for view, target in zip(views, request.targets, strict=False):
             folder.write(view.picture, encode_mask(target.asked))

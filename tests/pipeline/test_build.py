@@ -222,8 +222,8 @@ def test_every_attempt_is_told_with_what_came_of_it(good: Good) -> None:
 def test_the_scene_is_resolved(good: Good) -> None:
     text = (good.folder / "scene.toml").read_text(encoding="utf-8")
     scene = tomllib.loads(text)
-    assert scene["views"][0]["ink"] == "auto"  # a rule, which the copied picture is read by again
-    assert set(scene["effects"].values()) == {"auto"}  # so are these
+    assert not {"ink", "threshold", "crop_px"} & set(scene["views"][0])  # its picture is a mask
+    assert set(scene["effects"].values()) == {"auto"}  # rules, by which it is decided again
     assert scene["piece"]["bend"] == "auto"  # several pictures have their bending in their views
     # lamps that share a wall have places, and one view has not
     assert scene["lamps"]["places"] == "auto"
@@ -231,7 +231,7 @@ def test_the_scene_is_resolved(good: Good) -> None:
     assert {scene["mount"][key] for key in ("max_sag_mm", "plate_thickness_mm", "plate")} == {
         "auto"
     }
-    assert text.count('"auto"') == 6 + len(scene["effects"])
+    assert text.count('"auto"') == 7 + len(scene["effects"])
     assert scene["piece"]["tube_radius_mm"] == RADIUS and scene["piece"]["knots"] == 1
     assert scene["piece"]["depth"] > 50
     assert {"seed", "coarse_iterations", "fine_px", "mesh_sides"} <= set(scene["search"])
