@@ -326,7 +326,8 @@ def _find_others(
     """Find places (k, 3) of faces that belong to nothing, with what is said of them.
 
     A face belongs where all its corners lie: in one strand, in the plate, in a member or its root, in a rod,
-    or in a solid. The edges of a union lie on both of its surfaces.
+    or in a solid. The edges of a union lie on both of its surfaces; corners, middles of edges and the middle
+    of a face across a seam each lie in one of those.
     """
     vertices, faces = mesh.vertices, mesh.faces
     own = strand_faces(vertices, faces, curves.polygons, radius, proud=SWOLLEN, beside=BESIDE)
@@ -340,6 +341,17 @@ def _find_others(
             break
         used, corner = np.unique(faces[rest], return_inverse=True)
         rest = rest[~inside(vertices[used])[corner.reshape(-1, 3)].all(axis=1)]
+    # a coarser mesh has faces across a seam: each place of them lies in one or the other
+    if len(rest):
+        corners = vertices[faces[rest]]
+        middles = (corners + np.roll(corners, 1, axis=1)) / 2
+        places = np.concatenate([corners, middles, corners.mean(axis=1, keepdims=True)], axis=1)
+        lies = np.zeros(places.shape[:2], dtype=bool)
+        if curves.plate is not None:
+            within.append(partial(inside_plate, plate=curves.plate))
+        for inside in within:
+            lies |= inside(places.reshape(-1, 3)).reshape(lies.shape)
+        rest = rest[~lies.all(axis=1)]
     on_strand = np.zeros(len(vertices), dtype=bool)
     on_strand[faces[own]] = True
     touches = np.asarray(on_strand[faces[rest]].any(axis=1))
