@@ -20,6 +20,7 @@ _SHEET = 0.15  # the share of the picture that blank paper covers at least
 _CHROMA = 0.4  # of paper, at most
 _PALE = 0.12  # log darkness of what is still paper
 _ENCLOSED = 0.35  # log darkness of paper within ink, at most, as a share of the ink's
+_USUAL = 0.9  # the quantile of its darkness that ink usually has: strokes are paler at their edges
 _FAINT = 0.16  # share of the light that ink takes, at least
 _MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its soft or shaded edge
 # shares of the longer side: the least part, and half the width of the thinnest; the least hole
@@ -134,13 +135,13 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
             size, Image.Resampling.BICUBIC
         )
         dark -= np.minimum(rgb[..., k] / np.maximum(np.asarray(full), 1.0), 1.5) / 3
-    dark = ndimage.gaussian_filter(dark, max(0.7, 0.0008 * side))
+    dark = ndimage.gaussian_filter(dark, max(0.7, 0.0005 * side))
     dark[~np.asarray(Image.fromarray(sheet).resize(size))] = 0.0
     few = ndimage.grey_opening(dark[::2, ::2], (3, 3))
     thick = few[few > _FAINT]
     if len(thick) < _LEAST * few.size:
         return None
-    least = max(0.75 * _FAINT, 0.5 * float(np.median(thick)))
+    least = max(0.75 * _FAINT, 0.5 * float(np.quantile(thick, _USUAL)))
     mask = dark > least
     labels, count = ndimage.label(mask)
     half = ndimage.maximum(ndimage.distance_transform_edt(mask), labels, np.arange(count + 1))
@@ -151,7 +152,8 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     mask = kept[labels]
     labels, _ = ndimage.label(~mask)
     mask |= (np.bincount(labels.ravel()) < (_HOLE * side) ** 2)[labels]
-    between = (dark > _FAINT) & (dark < least) & ~ndimage.binary_dilation(mask, iterations=3)
+    about = ndimage.binary_dilation(mask[::2, ::2], iterations=2)
+    between = (few > _FAINT) & (few < least) & ~about  # lines of the paper are too thin to count
     if not _LEAST <= mask.mean() <= _MOST or between.mean() > _BETWEEN * mask.mean():
         return None
     outline = mask & ~ndimage.binary_erosion(mask, border_value=1)
