@@ -146,7 +146,13 @@ def of_wall_plate() -> Iterator[tuple[str, Forge]]:
         _, low, high = sides(held)
         drill(held, (5.0 / float((high - low)[0]), 0.5), 8.0)
 
+    def post(held: Held) -> None:
+        thick, low, high = sides(held)
+        at = (low + high) / 2 * [1, 1, 0] + [12.0, 9.0, thick - 0.5]
+        held.add(rod(at, at + [0.0, 0.0, 4.0], 1.0))
+
     x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    yield "a post on the plate", post
     yield "plate grooved from behind", partial(groove, from_back=True, left=0.5)
     yield "plate grooved in its face", partial(groove, from_back=False, left=2.7, x=0.6)
     yield "plate sawn", saw
@@ -250,6 +256,22 @@ def of_foot_plate() -> Iterator[tuple[str, Forge]]:
             outline[:, 1] = np.minimum(outline[:, 1], edge)
             held.knots["plate"]["outline"] = outline.tolist()
 
+    def letter(held: Held) -> None:
+        _, middle, _ = slab(held)
+        at = middle + [10.0, 10.0, 1.7]
+        held.add(box(at, (5.0, 1.0, 3.6)), box(at, (1.0, 5.0, 3.6)))
+
+    def narrow(held: Held) -> None:
+        _, middle, thick = slab(held)
+        for hole in held.knots["plate"]["holes"]:
+            at = np.array([*hole[:2], middle[2]])
+            ring = rod(at - [0, 0, thick], at, 2.2) - rod(
+                at - [0, 0, 2 * thick], at + [0, 0, 1], 0.5
+            )
+            held.add(ring)
+
+    yield "a letter on the plate", letter
+    yield "screw holes of 1 mm", narrow
     yield "plate grooved from behind", partial(groove, deep=1.1, behind=True)
     yield "plate scratched", partial(groove, deep=0.2, behind=False)
     yield "pinhole in the plate", partial(drill, wide=0.6, listed=False)

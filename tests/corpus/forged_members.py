@@ -144,7 +144,13 @@ def of_dowels() -> Iterator[tuple[str, Forge]]:
         one["corners"] = (middle + (corners - middle) * [wide, wide, deep]).tolist()
         held.add(hull_of(one).translate((0.0, 0.0, 0.01)))
 
+    def thicken(held: Held) -> None:
+        low, high = dowel(held)
+        middle = (low + high) / 2
+        held.add(rod(middle, middle + [0.0, 0.0, 1.5], float((high - low)[0]) / 2 + 0.5))
+
     z = np.array([0.0, 0.0, 1.0])
+    yield "a collar on a dowel", thicken
     yield "dowel shortened", partial(shorten, by=2.0)
     yield "dowel shortened a little", partial(shorten, by=0.4)
     yield "dowel slit across", partial(cut, share=0.5, tool=lambda at, r: disc(at, z, 2 * r, 0.1))

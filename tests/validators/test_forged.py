@@ -32,6 +32,12 @@ FORGED = {
     "no bars in knots.json",
     "no bars in the scene",
 }
+BROUGHT = {  # as hostile people brought them
+    ("outline plate", "a letter on the plate"),
+    ("outline plate", "screw holes of 1 mm"),
+    ("wall pegs", "a post on the plate"),
+    ("drilled holes", "a collar on a dowel"),
+}
 
 
 @cache
@@ -56,9 +62,10 @@ def test_an_honest_piece_passes(holder: str) -> None:
         pytest.param(
             case,
             id=f"{case.holder}: {case.name}",
-            marks=[pytest.mark.study] * (case.name not in FORGED),
+            marks=[pytest.mark.study] * (not brought and case.name not in FORGED),
         )
-        for case in forged()[::EVERY]
+        for number, case in enumerate(forged())
+        if (brought := (case.holder, case.name) in BROUGHT) or number % EVERY == 0
     ],
 )
 def test_a_forged_piece_is_rejected(case: Forged, tmp_path: Path) -> None:
