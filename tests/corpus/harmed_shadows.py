@@ -1,6 +1,6 @@
 """Hold the verdict's word against a person's on a hundred shadows, harmed as builds harm them.
 
-`python -m benchmarks.harmed_shadows [--out SHEET.png]`: sixty shadows of pictures of all kinds, to which
+`python -m tests.corpus.harmed_shadows [--out SHEET.png]`: sixty shadows of pictures of all kinds, to which
 the rules were fitted, and forty of pictures of 3 to 12 parts. A person looked at each beside its picture
 and gave it a word before the verdict on it was read.
 """
