@@ -20,11 +20,11 @@ _SHEET = 0.15  # the share of the picture that blank paper covers at least
 _CHROMA = 0.4  # of paper, at most
 _PALE = 0.12  # log darkness of what is still paper
 _ENCLOSED = 0.35  # log darkness of paper within ink, at most, as a share of the ink's
-_USUAL = 0.9  # the quantile of its darkness that ink usually has: strokes are paler at their edges
+_USUAL = 0.75  # the quantile of its darkness that ink usually has: strokes are paler at their edges
 _FAINT = 0.16  # share of the light that ink takes, at least
 _MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its soft or shaded edge
 # shares of the longer side: the least part, and half the width of the thinnest; the least hole
-_PART, _THIN, _HOLE = 0.006, 0.0022, 0.005
+_PART, _THIN, _HOLE = 0.006, 0.0022, 0.008
 _PUNCHED = 0.13  # the share of the longer side within which holes are punched
 _LEAST, _MOST = 0.002, 0.5  # shares of the picture that ink covers
 _SHARP, _EDGES = (
@@ -137,6 +137,9 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
         dark -= np.minimum(rgb[..., k] / np.maximum(np.asarray(full), 1.0), 1.5) / 3
     dark = ndimage.gaussian_filter(dark, max(0.7, 0.0005 * side))
     dark[~np.asarray(Image.fromarray(sheet).resize(size))] = 0.0
+    labels, _ = ndimage.label(dark > _FAINT)
+    punched = _find_punched(labels, side)
+    dark[np.isin(labels, punched)] = 0.0
     few = ndimage.grey_opening(dark[::2, ::2], (3, 3))
     thick = few[few > _FAINT]
     if len(thick) < _LEAST * few.size:
@@ -147,8 +150,6 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     half = ndimage.maximum(ndimage.distance_transform_edt(mask), labels, np.arange(count + 1))
     kept = (np.bincount(labels.ravel()) >= (_PART * side) ** 2) & (np.asarray(half) >= _THIN * side)
     kept[0] = False
-    punched = _find_punched(labels, side)
-    kept[punched] = False
     mask = kept[labels]
     labels, _ = ndimage.label(~mask)
     mask |= (np.bincount(labels.ravel()) < (_HOLE * side) ** 2)[labels]
