@@ -20,7 +20,7 @@ _SHEET = 0.15  # the share of the picture that blank paper covers at least
 _CHROMA = 0.4  # of paper, at most
 _PALE = 0.12  # log darkness of what is still paper
 _ENCLOSED = 0.35  # log darkness of paper within ink, at most, as a share of the ink's
-_USUAL = 0.75  # the quantile of its darkness that ink usually has: strokes are paler at their edges
+_USUAL = 0.83  # the quantile of its darkness that ink usually has: strokes are paler at their edges
 _FAINT = 0.16  # share of the light that ink takes, at least
 _MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its soft or shaded edge
 # shares of the longer side: the least part, and half the width of the thinnest; the least hole
@@ -135,7 +135,7 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
             size, Image.Resampling.BICUBIC
         )
         dark -= np.minimum(rgb[..., k] / np.maximum(np.asarray(full), 1.0), 1.5) / 3
-    dark = ndimage.gaussian_filter(dark, max(0.7, 0.0005 * side))
+    dark = ndimage.gaussian_filter(dark, max(0.7, 0.0003 * side))
     dark[~np.asarray(Image.fromarray(sheet).resize(size))] = 0.0
     labels, _ = ndimage.label(dark > _FAINT)
     punched = _find_punched(labels, side)
