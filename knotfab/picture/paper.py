@@ -12,26 +12,25 @@ from knotfab.picture.ground import has_four_corners
 from knotfab.picture.ink import take_border
 
 _SIDE = 600  # px of the longer side at which the light on the paper is estimated
-_LEVELS = 12  # of brightness along a photograph's border, at least; painted pictures have fewer
-_RULE = 7  # px at that size: lines of paper, and thin strokes, are narrower
-# change of log brightness a px: shadows are softer, outlines of ink sharper, those not shrunk even more so
+_LEVELS = 12  # fewest levels of brightness along a photograph's border; painted pictures have fewer
+_RULE = 7  # px at that size; ruled lines and thin strokes are narrower
+# the change of log brightness from px to px that parts shadows, which are softer, from outlines of ink; in
+# pictures that are not shrunk shadows are steeper
 _STEP, _STEP_UNSHRUNK = 0.045, 0.065
-_SHEET = 0.15  # the share of the picture that blank paper covers at least
-_CHROMA = 0.4  # of paper, at most
-_PALE = 0.12  # log darkness of what is still paper
-_ENCLOSED = 0.35  # log darkness of paper within ink, at most, as a share of the ink's
+_SHEET = 0.15  # the least share of the picture that blank paper covers
+_CHROMA = 0.4  # the highest chroma of paper
+_PALE = 0.12  # up to this log darkness it is paper
+_ENCLOSED = 0.35  # what ink encloses is paper up to this share of the ink's log darkness
 _USUAL = 0.83  # the quantile of its darkness that ink usually has: strokes are paler at their edges
-_FAINT = 0.16  # share of the light that ink takes, at least
+_FAINT = 0.16  # the least share of the light that ink takes
 _MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its soft or shaded edge
-# shares of the longer side: the least part, and half the width of the thinnest; the least hole
-_PART, _THIN, _HOLE = 0.006, 0.0022, 0.008
+# shares of the longer side: the sides of the smallest part and hole, and half the width of the thinnest part
+_PART, _HOLE, _THIN = 0.006, 0.008, 0.0022
 _PUNCHED = 0.13  # the share of the longer side within which holes are punched
 _LEAST, _MOST = 0.002, 0.5  # shares of the picture that ink covers
-_SHARP, _EDGES = (
-    1.2,
-    0.9,
-)  # thresholds crossed within a few px of an outline; the share of it that is so
-_BETWEEN = 0.3  # what is neither ink nor paper, as a share of the ink, at most
+# an outline is sharp where brightness changes by so many thresholds within a few px; the share that must be
+_SHARP, _EDGES = 1.2, 0.9
+_BETWEEN = 0.3  # the most that is neither ink nor paper, as a share of the ink
 
 
 def read_paper(image: Image.Image) -> tuple[Image.Image, str] | None:
@@ -43,17 +42,21 @@ def read_paper(image: Image.Image) -> tuple[Image.Image, str] | None:
     """
     if image.mode.startswith(("I", "F")) or image.has_transparency_data:
         return None
-    rgb = np.asarray(image.convert("RGB"))
+    image = image.convert("RGB")
+    rgb = np.asarray(image)
     if len(np.unique(take_border(rgb).mean(axis=1).round())) < _LEVELS:
         return None
-    found = _find_paper(image.convert("RGB"))
-    ink = None if found is None else _find_ink(rgb, *found[:2])
-    if found is None or ink is None:
+    found = _find_paper(image)
+    if found is None:
+        return None
+    light, sheet, whole = found
+    ink = _find_ink(rgb, light, sheet)
+    if ink is None:
         return None
     mask, punched = ink
     gone = [
         "the uneven light on the paper",
-        *["what it lies on"] * (not found[2]),
+        *["what it lies on"] * (not whole),
         *["punched holes"] * punched,
     ]
     note = f"{' and '.join(gone)} {'is' if len(gone) == 1 else 'are'} left out"
@@ -139,7 +142,8 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     dark[~np.asarray(Image.fromarray(sheet).resize(size))] = 0.0
     labels, _ = ndimage.label(dark > _FAINT)
     punched = _find_punched(labels, side)
-    dark[np.isin(labels, punched)] = 0.0
+    if punched:
+        dark[np.isin(labels, punched)] = 0.0
     few = ndimage.grey_opening(dark[::2, ::2], (3, 3))
     thick = few[few > _FAINT]
     if len(thick) < _LEAST * few.size:
@@ -147,9 +151,9 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     least = max(0.75 * _FAINT, 0.5 * float(np.quantile(thick, _USUAL)))
     mask = dark > least
     labels, count = ndimage.label(mask)
-    half = ndimage.maximum(ndimage.distance_transform_edt(mask), labels, np.arange(count + 1))
-    kept = (np.bincount(labels.ravel()) >= (_PART * side) ** 2) & (np.asarray(half) >= _THIN * side)
-    kept[0] = False
+    kept = np.zeros(count + 1, dtype=bool)
+    kept[labels[ndimage.distance_transform_edt(mask) >= _THIN * side]] = True
+    kept &= np.bincount(labels.ravel()) >= (_PART * side) ** 2
     mask = kept[labels]
     labels, _ = ndimage.label(~mask)
     mask |= (np.bincount(labels.ravel()) < (_HOLE * side) ** 2)[labels]
@@ -157,8 +161,11 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     between = (few > _FAINT) & (few < least) & ~about  # lines of the paper are too thin to count
     if not _LEAST <= mask.mean() <= _MOST or between.mean() > _BETWEEN * mask.mean():
         return None
-    outline = mask & ~ndimage.binary_erosion(mask, border_value=1)
-    across = ndimage.maximum_filter(dark, _RULE) - ndimage.minimum_filter(dark, _RULE)
+    (drawn,) = ndimage.find_objects(mask.astype(np.int8))
+    box = tuple(slice(max(one.start - _RULE, 0), one.stop + _RULE) for one in drawn)
+    ink, near = mask[box], dark[box]
+    outline = ink & ~ndimage.binary_erosion(ink, border_value=1)
+    across = ndimage.maximum_filter(near, _RULE) - ndimage.minimum_filter(near, _RULE)
     if np.mean(across[outline] > _SHARP * least) < _EDGES:
         return None
     return mask, bool(punched)
