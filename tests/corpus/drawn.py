@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import islice
@@ -15,6 +13,7 @@ import numpy as np
 from knotfab_validators.tube.mount_members import PLATE_HOLES
 
 from .curves import Array
+from .files import rewrite_archive
 from .forged import Forged
 from .forging import (
     HOLDERS,
@@ -327,24 +326,6 @@ ELEMENTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def _zipped(change: Callable[[dict[str, bytes]], object]) -> Change:
-    """Change an archive's entries by name, which are written as they are."""
-
-    def rewrite(content: bytes) -> bytes:
-        with zipfile.ZipFile(io.BytesIO(content)) as file:
-            entries = {name: file.read(name) for name in file.namelist()}
-        change(entries)
-        packed = io.BytesIO()
-        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
-            for name, data in entries.items():
-                info = zipfile.ZipInfo()
-                info.filename, info.compress_type = name, zipfile.ZIP_DEFLATED
-                file.writestr(info, data)
-        return packed.getvalue()
-
-    return rewrite
-
-
 def _edit_model(held: Held, rng: Rng, pattern: str, new: str) -> None:
     """Replace one place of a pattern in the model, chosen at random, and give it a namespace at need."""
 
@@ -358,7 +339,7 @@ def _edit_model(held: Held, rng: Rng, pattern: str, new: str) -> None:
                 text = text.replace("<model ", f"<model xmlns:{prefix}='{uri}' ", 1)
         entries[MODEL] = text.encode()
 
-    held.files["part.3mf"] = _zipped(edit)
+    held.files["part.3mf"] = partial(rewrite_archive, change=edit)
 
 
 def _pick(rng: Rng, table: Mapping[str, tuple[str, ...]]) -> tuple[str, str]:
@@ -374,7 +355,11 @@ def _put_entry(held: Held, rng: Rng) -> None:
     text = str(
         rng.choice(["", f"; {key} = 3\n", f'<config><x key="{key}" value="3"/></config>', "{}"])
     )
-    held.files["part.3mf"] = _zipped(lambda entries: entries.__setitem__(name, text.encode()))
+
+    def put(entries: dict[str, bytes]) -> None:
+        entries[name] = text.encode()
+
+    held.files["part.3mf"] = partial(rewrite_archive, change=put)
 
 
 def _put_attribute(held: Held, rng: Rng) -> None:
@@ -422,7 +407,7 @@ def _start_elsewhere(held: Held, rng: Rng) -> None:
             more if own else rels.replace(b"</Relationships>", one[0] + b"</Relationships>")
         )
 
-    held.files["part.3mf"] = _zipped(relate)
+    held.files["part.3mf"] = partial(rewrite_archive, change=relate)
 
 
 def _set_profile(held: Held, rng: Rng) -> None:

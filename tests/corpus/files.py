@@ -4,7 +4,7 @@ import io
 import json
 import struct
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -262,6 +262,20 @@ def archive(entries: dict[str, str | bytes]) -> bytes:
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
         for name, content in entries.items():
             file.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED, 6)
+    return packed.getvalue()
+
+
+def rewrite_archive(content: bytes, change: Callable[[dict[str, bytes]], object]) -> bytes:
+    """Change the entries of an archive by name; names are written as they are, a backslash too."""
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        entries = {name: file.read(name) for name in file.namelist()}
+    change(entries)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in entries.items():
+            info = zipfile.ZipInfo()
+            info.filename, info.compress_type = name, zipfile.ZIP_DEFLATED
+            file.writestr(info, data)
     return packed.getvalue()
 
 

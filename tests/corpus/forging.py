@@ -6,7 +6,6 @@ import copy
 import json
 import shutil
 import tomllib
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -123,18 +122,6 @@ def body_of(solids: Sequence[Manifold]) -> Body:
     shift = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [faces + k for (_, faces), k in zip(meshes, shift, strict=False)]
     return Body(np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int64))
-
-
-def rewrite_zip(path: Path, change: dict[str, bytes | None]) -> None:
-    """Put entries into an archive, or others for them; None takes one out."""
-    with zipfile.ZipFile(path) as file:
-        entries: dict[str, bytes | None] = {n: file.read(n) for n in file.namelist()} | change
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, content in entries.items():
-            if content is not None:
-                info = zipfile.ZipInfo()
-                info.filename = name  # as it is: a backslash too
-                file.writestr(info, content)
 
 
 # Tools: round bars, boxes and balls, where they are needed.

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from knotfab_validators.mesh.same_surface import (
 )
 from tests.corpus.case import make_part
 from tests.corpus.curves import circle
-from tests.corpus.files import MESH, RELATIONS, encode, model, write
+from tests.corpus.files import MESH, RELATIONS, encode, model, rewrite_archive, write
 from tests.corpus.parts import Body
 
 VERTICES, FACES = tube(trefoil(150) + 60.0, 3.0, 16)
@@ -105,20 +103,6 @@ SLICER = (
     '<metadata type="volume" key="{}" value="{}"/></volume></object></config>'
 )
 BAMBU = '<config><object id="{}"><part id="1" subtype="{}"/></object></config>'
-
-
-def forge_3mf(content: bytes, change: Change) -> bytes:
-    """Change the entries of an archive, whose names are then written as they are."""
-    with zipfile.ZipFile(io.BytesIO(content)) as file:
-        entries = {name: file.read(name) for name in file.namelist()}
-    change(entries)
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, data in entries.items():
-            info = zipfile.ZipInfo()
-            info.filename, info.compress_type = name, zipfile.ZIP_DEFLATED
-            file.writestr(info, data)
-    return packed.getvalue()
 
 
 def forged_3mf() -> Iterator[tuple[str, Change]]:
@@ -312,7 +296,7 @@ def test_no_setting_steers_the_slicer(
     part = write(RING, tmp_path).part
     assert part is not None and RING.body is not None
     body = Body(RING.body.vertices + (by_mm or (0.0, 0.0, 0.0)), RING.body.faces)
-    forged = forge_3mf(encode(body, "3mf"), lambda entries: _steer(entries, where, what))
+    forged = rewrite_archive(encode(body, "3mf"), lambda entries: _steer(entries, where, what))
     (tmp_path / "part.3mf").write_bytes(forged)
     found = check_same_3mf(read_mesh(part), part)
     assert (found.status, found.required) == ("fail", True) and said in found.detail
@@ -324,7 +308,7 @@ def test_no_other_archive_is_hidden_in_it(tmp_path: Path, prefix: bool) -> None:
     part = write(RING, tmp_path).part
     assert part is not None and RING.body is not None
     own = encode(RING.body, "3mf")
-    other = forge_3mf(own, _put(PE, b"; perimeters = 0"))
+    other = rewrite_archive(own, _put(PE, b"; perimeters = 0"))
     (tmp_path / "part.3mf").write_bytes(other + own if prefix else own[:-2] + b"\1\0;")
     found = check_same_3mf(read_mesh(part), part)
     assert found.status == "fail" and "bytes before or behind its entries" in found.detail
@@ -353,7 +337,7 @@ def test_a_3mf_that_some_slicers_read_otherwise_is_told(
     beside = tmp_path / "part.3mf"
     beside.write_bytes(encode(RING.body, "3mf"))
     assert check_same_3mf(read_mesh(part), part).status == "pass"
-    beside.write_bytes(forge_3mf(beside.read_bytes(), change))
+    beside.write_bytes(rewrite_archive(beside.read_bytes(), change))
     found = check_same_3mf(read_mesh(part), part)
     assert (found.status, found.required) == ("fail", True), name
 
