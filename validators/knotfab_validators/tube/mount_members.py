@@ -332,9 +332,10 @@ def _find_others(
     vertices, faces = mesh.vertices, mesh.faces
     own = strand_faces(vertices, faces, curves.polygons, radius, proud=SWOLLEN, beside=BESIDE)
     rest = np.flatnonzero(~own)
+    within = list[Callable[[Array], Mask]]()
     if curves.plate is not None:
-        rest = rest[~inside_plate(vertices, curves.plate)[faces[rest]].all(axis=1)]
-    within: list[Callable[[Array], Mask]] = [solid.covers for solid in solids]
+        within.append(partial(inside_plate, plate=curves.plate))
+    within += [solid.covers for solid in solids]
     within += [partial(_in_member, member=member) for member in (*curves.members, *curves.rods)]
     for inside in within:
         if not len(rest):
@@ -347,8 +348,6 @@ def _find_others(
         middles = (corners + np.roll(corners, 1, axis=1)) / 2
         places = np.concatenate([corners, middles, corners.mean(axis=1, keepdims=True)], axis=1)
         lies = np.zeros(places.shape[:2], dtype=bool)
-        if curves.plate is not None:
-            within.append(partial(inside_plate, plate=curves.plate))
         for inside in within:
             lies |= inside(places.reshape(-1, 3)).reshape(lies.shape)
         rest = rest[~lies.all(axis=1)]
