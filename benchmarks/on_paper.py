@@ -46,7 +46,7 @@ DRAWINGS: dict[str, tuple[str, ...]] = {
               "55,38 64,38 64,50 55,50"),
     "shell": ("50,12 80,28 92,58 66,84 50,74 34,84 8,58 20,28",),
 }  # fmt: skip
-# of each tool: its stroke in px (0: filled), its colour, how deep it covers, and how uneven it is
+# a tool's stroke in px (0: it fills), its colour, how well it covers the paper, and how unevenly
 TOOLS: dict[str, tuple[int, tuple[int, int, int], float, float]] = {
     "pencil": (9, (70, 70, 76), 0.8, 0.25),
     "felt-tip": (22, (30, 34, 60), 0.95, 0.05),

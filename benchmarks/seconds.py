@@ -22,10 +22,10 @@ from benchmarks.measurement import build_apart, make_folder, read_report, run_st
 from examples.pictures import pictures
 
 PRINTED = "--print --skip slicer"
-# of a figure by its unit, or of its own size where that is more: what two runs of one design may differ by
+# how far apart a figure of two runs of one design may be, by its unit; or this share of it, if that is more
 TOLERANCE = {"mm": 0.02, "px": 0.5, "%": 1.0, "deg": 1.0, "°": 1.0, "g": 1.0}
 _OWN = 0.05
-_IOU = 0.002  # of one picture; the mean of all is held to .0003
+_IOU = 0.002  # how far apart one picture's IoU may be
 
 Reports = dict[str, dict[str, Any]]
 

@@ -16,7 +16,7 @@ from knotfab.picture.opening import is_row
 from knotfab.picture.read import Target
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
-_LONG_H = 48.0  # of printing, from which on a smaller size is named
+_LONG_H = 48.0  # a print that takes longer is offered a smaller size
 _PLATES = {"roots": "in roots", "outline": "in a plate of its outline"}
 _MOUNTS = {"wall": "on pegs", "stand": "on a stand", "hang": "on threads", "none": "with no holder"}
 

@@ -122,7 +122,7 @@ def _place_holes(dark: Geometry, prints: Geometry, hole_mm: float) -> Array:
     x0, y0, x1, y1 = room.bounds
     x, y = np.meshgrid(np.arange(x0, x1, 2 * _CELL_MM), np.arange(y0, y1, 2 * _CELL_MM))
     inside = shapely.contains_xy(room, x, y)
-    # of each row its ends alone can be far apart
+    # the places farthest apart are ends of rows
     ends = [row[at][[0, -1]] for row, at in zip(x, inside, strict=True) if at.any()]
     spots = np.column_stack([np.ravel(ends), np.repeat(y[inside.any(axis=1), 0], 2)])
     if not len(spots):

@@ -22,6 +22,7 @@ from knotfab.picture.raster import encode_image, encode_mask
 from knotfab.picture.read import Target
 from knotfab.render.image import image_at
 from knotfab.render.pages import length
+from knotfab.render.part_picture import PAPER
 from knotfab.scene.load import dump_scene
 from knotfab_formats.libraries import took_part
 from knotfab_formats.piece import FramePlate, Pose
@@ -164,7 +165,7 @@ def write_glb(
 # What files say of the piece: its title, how to light it, and a small picture.
 
 THUMBNAIL_PX = 300  # side of the picture in part.3mf
-_INK, _PAPER = (61, 57, 53), (250, 248, 244)
+_INK = (61, 57, 53)
 
 
 def about_part(part: Part, scene: SettledScene, targets: Sequence[Target]) -> About:
@@ -192,7 +193,7 @@ def _draw_thumbnail(part: Part, view: ResolvedView) -> bytes:
     radius = part.pose.knots.radius_mm
     image = image_at(square, np.zeros((8, 8), dtype=bool), radius, THUMBNAIL_PX)
     dark = image.seen(points, rings, radius)
-    return encode_image(Image.fromarray(np.where(dark[..., None], _INK, _PAPER).astype(np.uint8)))
+    return encode_image(Image.fromarray(np.where(dark[..., None], _INK, PAPER).astype(np.uint8)))
 
 
 def _describe(part: Part, views: Sequence[ResolvedView], names: str) -> str:
