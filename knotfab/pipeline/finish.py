@@ -25,6 +25,7 @@ from knotfab.report.report import (
     check_3mf,
     check_certificate,
     check_limits,
+    check_price,
     plan_next_step,
     print_of,
     report_of,
@@ -89,7 +90,9 @@ def report_piece(
             setup=tell_setup(mounted, cameras, made.knots.radius_mm),
             turning=turning,
         )
-        print_ = with_slicing(print_, sliced) if printing else print_
+        if printing:
+            print_ = with_slicing(print_, sliced)
+            checks += check_price(print_, piece.scene.piece)
         how = piece.flattening, piece.suffix
         print_, laid = report_posing(print_, part, *how, printing=printing, access=access)
         if printing:

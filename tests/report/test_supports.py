@@ -14,6 +14,7 @@ from solids import chain
 
 from knotfab.geometry.legs import Bar
 from knotfab.part.assemble import Standing
+from knotfab.report.report import check_price
 from knotfab.report.supports import list_ways, report_supports, sum_supports
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
@@ -48,6 +49,25 @@ def test_the_other_way_is_guessed_within_a_tenth(alone: Any, supported: Any) -> 
     _, other = list_ways(sliced(grams, hours, held), slicer, slicer)
     assert (other.way, other.support_grams) == ("none", 0)
     assert (other.grams, other.hours) == pytest.approx(alone, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("asked", "status"),
+    [
+        ("max_hours = 8", "pass"),
+        ("max_hours = 7", "fail"),
+        ("max_grams = 80", "pass"),
+        ("max_grams = 70", "fail"),
+    ],
+)
+def test_what_the_slicer_says_is_held_against_the_limits(asked: str, status: str) -> None:
+    limited = scene("none", f"piece.{asked}").piece
+    (check,) = check_price(sliced(75.0, 7.5), limited)
+    assert (check.status, check.required) == (status, True)
+    assert ("--max-" in check.detail) == (status == "fail")
+    (unsliced,) = check_price(report_with().print, limited)
+    assert (unsliced.status, unsliced.required) == ("skipped", False)
+    assert check_price(sliced(75.0, 7.5), scene("none").piece) == []
 
 
 @pytest.mark.parametrize(

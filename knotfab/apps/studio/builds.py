@@ -20,7 +20,6 @@ from knotfab_formats.errors import InputError
 
 BUILDS = "builds"
 _RECORDS = "records"
-_LONGEST_TITLE = 80  # characters
 # files to offer, the most wanted first
 _SHOWN = (
     "part.3mf", "part.stl", "part.glb", "part-colours.3mf",
