@@ -88,7 +88,6 @@ COLUMNS: dict[str, Callable[[Report], float | str]] = {
     "p95_radii": lambda r: r["verdict"]["outline_p95_radii"],
     "radius_mm": lambda r: r["settings"]["tube_radius_mm"],
     "depth": lambda r: r["print"]["depth_ratio"],
-    "z45": lambda r: r["views"][0]["recognition"]["45"]["z"],
     "told": lambda r: r["views"][0]["told"]["worst"]["share"],
     "door": lambda r: r["views"][0]["told"]["door"],
     "specks": lambda r: float(r["verdict"]["specks"]),
@@ -168,7 +167,7 @@ _UNSLICED = ("--print", "--skip", "slicer")
 _PLAIN = ("--skip", "slicer")
 TABLES = {
     "accuracy": Table(
-        (*PROCESS, "iou", "p95_radii", "radius_mm", "depth", "z45", "bend", "turns", "failed"),
+        (*PROCESS, "iou", "p95_radii", "radius_mm", "depth", "told", "bend", "turns", "failed"),
         options=_UNSLICED,
     ),
     "accuracies": Table(

@@ -1,7 +1,7 @@
-"""Compare what recognition says of 40 pieces seen from aside with what a person said of them first.
+"""Compare what is told of 40 pieces seen from aside with what a person said of them first.
 
-`python -m benchmarks.read_aside`: each silhouette's z, that of the search's onlooker, and the IoU of
-stretched silhouettes, then how each follows the words. The silhouettes, seen from 45° on one of four sides
+`python -m benchmarks.read_aside`: how much of its picture each silhouette tells, and the z of the search's
+onlooker, then how each follows the words. The silhouettes, seen from 45° on one of four sides
 drawn by lot, stand shuffled in read_aside.png, each behind its picture: the project's 19 pictures built at
 standard both ways of supports, and two more sides. The words were written down before anything was measured,
 without names beside the silhouettes: 2, the picture can be named; 1, it can be guessed; 0, a tangle.
@@ -23,8 +23,7 @@ from scipy.stats import rankdata, spearmanr
 
 from benchmarks.measurement import run_study
 from knotfab.start.legibility import onlooker_for, stretch_mask
-from knotfab_validators.shadows.compare import legibility
-from knotfab_validators.shadows.naming import name_piece
+from knotfab_validators.shadows.told import tell_flat
 
 WORDS = np.array(
     [int(word) for word in "2000110200 0101010010 0002022100 2002102220".replace(" ", "")]
@@ -39,13 +38,11 @@ def read_views() -> list[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
 
 
 def measure_views() -> dict[str, NDArray[np.float64]]:
-    """Return what each measure says of each view: `z`, `onlooker`, and `stretched`, the IoU."""
-    found: dict[str, list[float]] = {"z": [], "onlooker": [], "stretched": []}
+    """Return what each measure says of each view: `told`, and the `onlooker`'s z."""
+    found: dict[str, list[float]] = {"told": [], "onlooker": []}
     for seen, picture in read_views():
-        named = name_piece([seen], picture)
-        found["z"].append(named.z if named else 0.0)
+        found["told"].append(tell_flat(seen, picture))
         found["onlooker"].append(onlooker_for(stretch_mask(picture)).stand_out(stretch_mask(seen)))
-        found["stretched"].append(legibility({"45": [seen]}, picture)["45"])
     return {name: np.array(values) for name, values in found.items()}
 
 
@@ -58,10 +55,9 @@ def tell_apart(values: NDArray[np.float64], named: NDArray[np.bool_]) -> float:
 def main() -> int:
     """Print the table."""
     found = measure_views()
-    print("view  word      z  onlooker  stretched")
-    for n, word in enumerate(WORDS):
-        z, onlooker, stretched = (values[n] for values in found.values())
-        print(f"{n:4}  {word:4}  {z:5.2f}  {onlooker:8.2f}  {stretched:9.3f}")
+    print("view  word   told  onlooker")
+    for n, (word, told, onlooker) in enumerate(zip(WORDS, *found.values(), strict=True)):
+        print(f"{n:4}  {word:4}  {told:5.2f}  {onlooker:8.2f}")
     for name, values in found.items():
         middles = ", ".join(f"{np.median(values[word == WORDS]):.2f}" for word in (0, 1, 2))
         print(

@@ -188,15 +188,6 @@ def _shares(item: pytest.Item) -> bool:
 
 
 @pytest.fixture
-def unnamed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out naming what the piece shows from the side: half the time of verifying a view.
-
-    No required check asks for it; test_compare and a whole verdict of test_validate do.
-    """
-    monkeypatch.setattr("knotfab_validators.shadows.verify_view.name_piece", lambda *_: None)
-
-
-@pytest.fixture
 def brief(monkeypatch: pytest.MonkeyPatch) -> None:
     """End the search for a diagram of fewer crossings early; it is long enough for those of these tests."""
     monkeypatch.setattr("knotfab_validators.knots.rerouting.WORK", 10_000)

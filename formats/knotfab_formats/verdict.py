@@ -188,14 +188,6 @@ class Sag:
 
 
 @dataclass(frozen=True)
-class Named:
-    """The picture's rank among foreign ones in a turned piece: its `z`, and whether it is `first`."""
-
-    z: float
-    first: bool
-
-
-@dataclass(frozen=True)
 class ToldFrom:
     """How much of the picture is told to whoever looks from there: 0 nothing, 1 as plain as the picture."""
 
@@ -241,9 +233,7 @@ class View:
     outline_stretch_px: float
     outline_stretch_mm: float
     outline_stretch_off_px: float
-    legibility: dict[str, float]
     depth_ratio: float | None
-    recognition: dict[str, Named] | None = None
     told: Told | None = None
     lamp_colour: tuple[float, float, float] | None = None
     iou_drawn: float | None = None

@@ -1,8 +1,8 @@
 """How well the picture can be read in the piece from beside the lamp, by two measures.
 
 `legibility`, the IoU of stretched silhouettes, is fast and has little noise. `Onlooker` says how far the
-picture stands out from foreign ones, as the validators' `recognition` does on a finer grid. It agrees
-with what people say, and chooses among the best few.
+picture stands out from foreign ones; it follows what people say (benchmarks/read_aside.py), and chooses
+among the best few.
 """
 
 from __future__ import annotations

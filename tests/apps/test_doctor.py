@@ -64,7 +64,7 @@ def test_loops_are_compiled_and_kept() -> None:
 @pytest.mark.study
 @pytest.mark.timeout(900)  # everything is compiled anew
 def test_what_is_compiled_later_is_named(tmp_path: Path) -> None:
-    """A few loops of effects and of the naming of a shadow are left to the builds that need them."""
+    """A few loops of effects and of what a piece tells are left to the builds that need them."""
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     call = [sys.executable, "-m", "knotfab", "doctor", "--compile"]
     subprocess.run(call, env=env, check=True, capture_output=True)
@@ -77,7 +77,7 @@ def test_what_is_compiled_later_is_named(tmp_path: Path) -> None:
     }
     assert kept and every - kept <= {
         *("base._bend", "shifts._shifts"),
-        *("kernels.closest_parameters", "naming._overlap", "naming.fit_picture"),
+        *("kernels.closest_parameters", "told._overlap", "told.fit_picture"),
     }
 
 

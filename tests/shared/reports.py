@@ -19,7 +19,7 @@ VIEW: dict[str, Any] = {
     "iou": 0.98765, "iou_frame": 0.98765, "iou_tube": np.float64(0.98801), "precision": 0.995,
     "recall": 0.9926, "outline_error_px": 0.0831, "outline_error_mm": 0.0147, "intrusion": None,
     "outline_stretch_px": 9.0, "outline_stretch_mm": 1.6, "outline_stretch_off_px": 0.4,
-    "legibility": {"15": 0.84, "30": 0.66, "45": 0.52, "60": 0.41}, "depth_ratio": 0.614,
+    "depth_ratio": 0.614,
 }  # fmt: skip
 CHECK: dict[str, Any] = {
     "status": "pass", "required": True, "measured": 2.2041, "limit": 2.2, "unit": "mm", "detail": "",

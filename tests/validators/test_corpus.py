@@ -334,7 +334,6 @@ def list_others(meant: str) -> list[str]:
     return ["shadow-render", *others]
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 @pytest.mark.parametrize("case", list(of_each_check(BROKEN)))
 def test_a_broken_part_is_rejected_where_it_is_broken(case: Broken, tmp_path: Path) -> None:
@@ -343,7 +342,6 @@ def test_a_broken_part_is_rejected_where_it_is_broken(case: Broken, tmp_path: Pa
     assert row.placed is not False, (row.away_mm, row.within_mm, row.said)
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 @pytest.mark.parametrize("case", some(GOOD[::4], 4), ids=lambda case: case.name)
 def test_a_good_part_is_not_rejected(case: Good, tmp_path: Path) -> None:
@@ -357,7 +355,6 @@ def test_the_corpus_is_as_large_as_promised() -> None:
     assert sum(case.meant != READ for case in BROKEN) >= 140
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_every_required_check_has_a_part_that_it_must_reject(tmp_path: Path) -> None:
     """`shadow_exact` compares two pictures that we draw: a file cannot make them differ."""

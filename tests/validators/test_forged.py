@@ -78,14 +78,12 @@ def test_a_drawn_forgery_is_rejected(case: Forged, tmp_path: Path) -> None:
     assert judge_forged(case, held(case.holder), tmp_path / "forged")
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 @pytest.mark.parametrize("number", some([1, 2, 3], 3))
 def test_an_honest_frame_passes(number: int) -> None:
     assert judge_frame(sequence_folder(), number) == ()
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "forge"), some(list(forged_sequence())[::3], 2))
 def test_a_forged_frame_is_rejected(name: str, forge: Forge, tmp_path: Path) -> None:

@@ -109,17 +109,15 @@ def test_a_right_part_passes_and_its_numbers_are_whole(folder: Path, exact: Verd
     pixel_mm = view.outline_error_mm / view.outline_error_px
     assert pixel_mm == pytest.approx(150 / 1024, rel=1e-3)
     assert (view.width, view.height) == PIXELS
-    assert set(view.legibility) == {"15", "30", "45", "60"}
     json.dumps(verdict.to_dict(), allow_nan=False)
     seen = np.asarray(Image.open(folder / "shadow-front.png"))
     assert seen.shape == (round(1024 * 780 / 900), 1024)
     assert (folder / "compare-front.png").exists()
     (polygons,) = exact.views  # which give the same numbers as what is rendered
-    for key in ("iou", "precision", "recall", "legibility"):
+    for key in ("iou", "precision", "recall"):
         assert getattr(view, key) == pytest.approx(getattr(polygons, key), abs=2e-4)
 
 
-@pytest.mark.usefixtures("unnamed")
 def test_a_shadow_one_pixel_off_fails_the_outline(folder: Path) -> None:
     knots = json.loads((folder / "knots.json").read_text())
     shift = 150 / 1024 * 500 / 600  # scene y is part z
@@ -133,7 +131,6 @@ def test_a_shadow_one_pixel_off_fails_the_outline(folder: Path) -> None:
     assert measured == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.usefixtures("unnamed")
 def test_a_part_behind_the_wall_throws_no_shadow_and_fails(folder: Path) -> None:
     away = POSE.copy()
     away[:3, 3] -= [5e3, 0.0, 8.66e3]
@@ -157,7 +154,6 @@ def test_an_unprinted_piece_is_not_held_against_the_printer(folder: Path) -> Non
         assert (check.detail == "checked with --print") == (said == "false")
 
 
-@pytest.mark.usefixtures("unnamed")
 def test_where_nothing_renders_it_says_so_with_exit_code_3(
     right: Path, exact: Verdict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,7 +165,6 @@ def test_where_nothing_renders_it_says_so_with_exit_code_3(
     assert exact.exit_code == 0 and status(exact)["shadow"] == "pass"
 
 
-@pytest.mark.usefixtures("unnamed")
 def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
     scene = (folder / "scene.toml").read_text()
     (folder / "scene.toml").write_text(scene.replace(OFF, OFF.replace("off", "on")))
@@ -180,7 +175,6 @@ def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
     assert view.penumbra.iou > 0.97 and 0.9 < view.misplacement.iou < 1.0
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.parametrize(("diameter", "expected"), [(0.0, None), (60.0, "fail")])
 def test_a_lamp_too_wide_for_its_strands_fails_as_the_lamp_it_is(
     folder: Path, diameter: float, expected: str | None
@@ -194,7 +188,6 @@ def test_a_lamp_too_wide_for_its_strands_fails_as_the_lamp_it_is(
     assert status(verdict).get("half_light") == expected
 
 
-@pytest.mark.usefixtures("unnamed")
 def test_a_check_may_be_left_out_by_name(right: Path) -> None:
     verdict = run(right, skip=["shadow-render", "outline"], only="shadows")
     assert status(verdict)["outline"] == "skipped" and verdict.exit_code == 0
@@ -226,10 +219,9 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     assert found == ([("measured", "")] if asked else left)
 
 
-@pytest.mark.usefixtures("unnamed")
 def test_two_halves_are_the_whole(right: Path, tmp_path: Path) -> None:
     """Two processes measure them and exchange JSON; a failure of either is drawn."""
-    skip = ("shadow-render", "legibility", "clearance", *KNOTS)
+    skip = ("shadow-render", "clearance", *KNOTS)
     whole = run(right, skip=skip)
     piece = read_piece(*(right / name for name in ("part.stl", "knots.json", "scene.toml")))
     halves = [run(right, skip=skip, only=only) for only in ("geometry", "shadows")]
@@ -283,13 +275,11 @@ def fails(folder: Path) -> set[str]:
     return {check.name for check in found if check.status == "fail" and check.required}
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_it_is_measured_as_it_shrinks(tmp_path: Path) -> None:
     assert not fails(write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT))
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
     assert "outline" in fails(write(tmp_path, 1.0, 1 / LEFT, LEFT))
@@ -300,7 +290,6 @@ def test_a_part_that_was_not_enlarged_is_rejected(tmp_path: Path) -> None:
         fails(write(tmp_path, 1 / LEFT, 1 / LEFT, 0.98))
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_projection_and_receiver_take_the_files_coordinates(tmp_path: Path) -> None:
     folder = write(tmp_path, 1 / LEFT, 1 / LEFT, LEFT)

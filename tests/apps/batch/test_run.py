@@ -109,11 +109,11 @@ def test_a_changed_scene_is_built_anew_with_its_options(played: Path, tmp_path: 
     scene = tmp_path / "scene.toml"
     for seed in (1, 2):
         scene.write_text(f"[search]\nseed = {seed}\n")
-        asked = options(tmp_path, scene=scene, mount="wall", skip=("slicer", "legibility"))
+        asked = options(tmp_path, scene=scene, mount="wall", skip=("slicer", "clearance"))
         batch([str(pictures / "a.png")], asked)
     lines = (played / "a.runs").read_text().splitlines()
     assert len(lines) == 2
-    assert f"--scene={scene} --mount=wall --skip=slicer --skip=legibility" in lines[0]
+    assert f"--scene={scene} --mount=wall --skip=slicer --skip=clearance" in lines[0]
 
 
 def test_wrong_calls_are_refused_before_anything_is_built(played: Path, tmp_path: Path) -> None:

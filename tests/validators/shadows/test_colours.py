@@ -151,7 +151,6 @@ def rings() -> Part:
     return with_lamps(make_part([ring(34.0), ring(20.0)]))
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_two_rings_under_three_lamps(rings: Part, tmp_path: Path) -> None:
     verdict = judge(rings, tmp_path, pictures=True)
@@ -230,7 +229,6 @@ def test_matter_whose_shadow_misses_the_screen_is_nothing() -> None:
     assert not (card.shadow & ~card.frame.mask).any()
 
 
-@pytest.mark.usefixtures("unnamed")
 @pytest.mark.slow
 def test_lamps_that_switch_mix_nothing(rings: Part, tmp_path: Path) -> None:
     assert rings.scene is not None

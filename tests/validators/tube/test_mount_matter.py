@@ -27,7 +27,6 @@ from tests.hold.test_stand import ONE, PLA
 CURVE = ONE.knots[0].points
 GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]
 Body = tuple[np.ndarray, np.ndarray]
-pytestmark = pytest.mark.usefixtures("unnamed")
 
 
 def push_outwards(by_mm: float) -> np.ndarray:

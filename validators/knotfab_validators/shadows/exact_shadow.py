@@ -298,10 +298,9 @@ class ShadowCaster(Renderer):
         """
         return shadow_lines(self._vertices, self._faces, geometry, self._table)
 
-    def render(self, geometry: ViewGeometry, *, behind: bool = False) -> Mask:
+    def render(self, geometry: ViewGeometry) -> Mask:
         h, faces = geometry.lift(self._vertices), self._faces
-        limit = np.inf if behind else geometry.w_of_receiver
-        seen = (h[:, 2] > NEAREST) & (h[:, 2] < limit)
+        seen = (h[:, 2] > NEAREST) & (h[:, 2] < geometry.w_of_receiver)
         every = bool(seen.all())
         whole = np.ones(len(faces), dtype=bool) if every else np.asarray(seen[faces].all(axis=1))
         table = self._table if every else self._find_table(whole)
@@ -309,7 +308,7 @@ class ShadowCaster(Renderer):
         if not whole.all():  # winding numbers add up, and the shared edges cancel
             pieces = faces[~whole]
             # matter nearer to the light is clipped, as a camera does
-            for sign, bound in ((-1.0, -NEAREST), (1.0, limit)):
+            for sign, bound in ((-1.0, -NEAREST), (1.0, geometry.w_of_receiver)):
                 turned = h * [1.0, 1.0, sign]
                 turned, pieces = cut_before(turned, pieces, bound) or (turned, pieces)
                 h = turned * [1.0, 1.0, sign]

@@ -244,8 +244,6 @@ def tell_view(part: PosedPart, seen: ViewShadow) -> ViewFound:
         outline_stretch_px=found.wrong.length_px,
         outline_stretch_mm=found.wrong.length_px * seen.fine.pixel_mm,
         outline_stretch_off_px=found.wrong.off_px,
-        legibility=found.legibility,
-        recognition=found.recognition,
         told=_tell(part, seen),
         depth_ratio=depth_ratio(part.points, geometry),
         lamp_colour=view.lamp_colour if part.scene.share_wall else None,

@@ -29,10 +29,10 @@ class Renderer(ABC):
         self._vertices = np.asarray(vertices, dtype=np.float64)
 
     @abstractmethod
-    def render(self, geometry: ViewGeometry, *, behind: bool = False) -> Mask:
+    def render(self, geometry: ViewGeometry) -> Mask:
         """Render the silhouette (height, width) on the pixels of `geometry`, in the mesh's coordinates.
 
-        Matter on or behind the receiver plane is clipped unless `behind`.
+        Matter on or behind the receiver plane is clipped.
         """
 
 
@@ -122,16 +122,16 @@ class SilhouetteRenderer(Renderer):
         self._plotter.set_background("black")
         self._plotter.add_mesh(surface, color="white", lighting=False, reset_camera=False)
 
-    def render(self, geometry: ViewGeometry, *, behind: bool = False) -> Mask:
+    def render(self, geometry: ViewGeometry) -> Mask:
         """Render by a camera at the light that looks straight at the receiver plane, whatever its tilt.
 
         Its frustum is shifted and shaped to the frame.
         """
-        self._aim(geometry, behind)
+        self._aim(geometry)
         self._plotter.window_size = geometry.width, geometry.height
         return np.ascontiguousarray(self._plotter.screenshot(return_img=True)[..., 0] > 127)
 
-    def _aim(self, geometry: ViewGeometry, behind: bool) -> None:
+    def _aim(self, geometry: ViewGeometry) -> None:
         normal, height = geometry.normal, geometry.light_height
         foot = geometry.light - height * normal
         light = geometry.light - self._middle
@@ -141,7 +141,6 @@ class SilhouetteRenderer(Renderer):
         u, v = geometry.du / np.linalg.norm(geometry.du), geometry.dv / np.linalg.norm(geometry.dv)
         depth = (geometry.light - self._vertices) @ normal
         near = max(0.9 * float(depth.min()), 1e-3 * height)
-        far = 1.01 * float(depth.max()) if behind else height - ON_RECEIVER_MM
         camera = self._plotter.camera
         camera.position = light
         camera.focal_point = light - height * normal
@@ -150,7 +149,7 @@ class SilhouetteRenderer(Renderer):
         camera.SetWindowCenter(2 * float(off @ u) / size_u, -2 * float(off @ v) / size_v)
         camera.SetExplicitAspectRatio(size_u / size_v)
         camera.UseExplicitAspectRatioOn()
-        camera.clipping_range = near, max(far, near * 1.001)
+        camera.clipping_range = near, max(height - ON_RECEIVER_MM, near * 1.001)
 
     def close(self) -> None:
         """Free the window's memory; the renderer cannot be used afterwards."""

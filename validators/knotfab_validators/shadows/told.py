@@ -7,9 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from knotfab_formats.verdict import Told, ToldFrom
+from knotfab_formats.verdict import FOREIGN_SIGNS, Told, ToldFrom
 from knotfab_validators.arrays import Array, Ints, Mask, compiled
-from knotfab_validators.shadows.naming import SAME, fit_picture, read_foreign
 
 # azimuth and elevation in degrees: to both sides, and from above and below
 SIDES = (
@@ -23,7 +22,8 @@ SEEDS = 0x1E3779B97F4A7C15, 0x2545F4914F6CDD1D, 0x5851F42D4C957F2D  # of the fit
 # what was called a tangle in 30 of 32 views (benchmarks/read_aside.py); standard deviations of the signs, and
 # shares of what the picture itself gets, follow his words less.
 PLAIN = 0.25
-_TRIES = 100
+SAME = 0.85  # a sign that fits the picture itself this well is not foreign
+_TRIES = 100  # steps of a fit
 # each foreign sign's mean fit to the 23 others, which takes half a second to work out; a test does
 # fmt: off
 GAINS = (
@@ -32,14 +32,11 @@ GAINS = (
     0.401256, 0.401055, 0.390833, 0.347061, 0.542437, 0.333164, 0.539504, 0.362041,
 )
 # fmt: on
-_CELLS, _MARGIN, _FINER = (
-    15,
-    2,
-    6,
-)  # a look's box in cells, about it, and how much finer it is drawn
-_NARROW = (
-    2.5  # a look is stretched to the picture's box by this much at most: nobody reads a sliver
-)
+# a look's box in cells, the margin about it, and how many times finer it is drawn
+_CELLS, _MARGIN, _FINER = 15, 2, 6
+# a look is stretched to the picture's box by this much at most: nobody reads a sliver
+_NARROW = 2.5
+_SIGN_PX, _SIGN_MARGIN_PX = 40, 5  # side of a foreign sign, and the margin about its box within it
 
 
 def tell(vertices: Array, parts: Mapping[str, Ints], axes: Array, target: Mask) -> Told | None:
@@ -163,15 +160,33 @@ def _to_cells(fine: Mask) -> Array:
 @cache
 def _foreign() -> Array:
     """Return the foreign signs on the grid."""
-    return np.array([_shrink(sign > 0.5) for sign in read_foreign()])
+    from PIL import Image
+
+    with Image.open(FOREIGN_SIGNS) as image:
+        column = np.asarray(image.convert("L")) > 127
+    signs = np.split(column, len(column) // column.shape[1])
+    return np.array([_shrink(_cover(sign) > 0.5) for sign in signs])
+
+
+def _cover(sign: Mask) -> Array:
+    """Return how much of each pixel a sign covers, stretched to its box, (_SIGN_PX, _SIGN_PX)."""
+    rows, columns = (np.flatnonzero(sign.any(axis=k)) for k in (1, 0))
+    box = sign[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].astype(np.float64)
+    inner = _SIGN_PX - 2 * _SIGN_MARGIN_PX
+    for _ in range(2):  # integrate along each axis and sample at the pixels' borders
+        area = np.vstack([np.zeros(box.shape[1]), np.cumsum(box, axis=0)])
+        at = np.linspace(0, len(box), inner + 1)
+        low = np.minimum(at.astype(int), len(box) - 1)
+        share = (at - low)[:, None]
+        border = (1 - share) * area[low] + share * area[low + 1]
+        box = (np.diff(border, axis=0) * inner / len(box)).T
+    return np.pad(box, _SIGN_MARGIN_PX)
 
 
 def _fit(picture: Array, looks: Sequence[Array]) -> float:
     """Return the mean of a picture's fits to looks, each begun from another seed."""
-    fits = (
-        fit_picture(picture, look, _TRIES, seed) for look, seed in zip(looks, SEEDS, strict=True)
-    )
-    return float(np.mean(list(fits)))
+    fits = [fit_picture(picture, look, seed) for look, seed in zip(looks, SEEDS, strict=True)]
+    return float(np.mean(fits))
 
 
 @compiled
@@ -197,3 +212,49 @@ def _fill(points: Array, faces: Ints, size: int) -> Mask:
                 if u >= 0.0 and v >= 0.0 and u + v <= 1.0:
                     found[j, i] = True
     return found
+
+
+@compiled
+def fit_picture(picture: Array, look: Array, seed: int) -> float:
+    """Return the largest IoU of two pictures (n, n) under a nearly identical affine map."""
+    map_ = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    best, scale, shift = _overlap(picture, look, map_), 1.0, len(picture) / 20.0
+    state = np.uint64(seed)
+    moved = map_.copy()
+    for _ in range(_TRIES):
+        for i in range(6):
+            # the sum of four uniform numbers is nearly normal
+            total = 0.0
+            for _ in range(4):
+                state ^= state << np.uint64(13)
+                state ^= state >> np.uint64(7)
+                state ^= state << np.uint64(17)
+                total += np.float64(state >> np.uint64(11)) / 9007199254740992.0
+            moved[i] = map_[i] + scale * (shift if i % 3 == 2 else 0.12) * (total - 2.0) * 1.7320508
+        if abs(moved[0] * moved[4] - moved[1] * moved[3]) < 0.35:
+            continue
+        value = _overlap(picture, look, moved)
+        if value > best:
+            best, scale = value, min(1.5, 1.6 * scale)
+            map_[:] = moved
+        else:
+            scale = max(0.03, 0.96 * scale)
+    return best
+
+
+@compiled
+def _overlap(picture: Array, look: Array, map_: Array) -> float:
+    n = len(picture)
+    middle, both, either = (n - 1) / 2, 0.0, 0.0
+    for j in range(n):
+        for i in range(n):
+            x = map_[0] * (i - middle) + map_[1] * (j - middle) + map_[2] + middle
+            y = map_[3] * (i - middle) + map_[4] * (j - middle) + map_[5] + middle
+            value, u, v = 0.0, int(np.floor(x)), int(np.floor(y))
+            if 0 <= u < n - 1 and 0 <= v < n - 1:
+                s, t = x - u, y - v
+                value = (look[v, u] * (1 - s) + look[v, u + 1] * s) * (1 - t)
+                value += (look[v + 1, u] * (1 - s) + look[v + 1, u + 1] * s) * t
+            both += min(picture[j, i], value)
+            either += max(picture[j, i], value)
+    return both / either

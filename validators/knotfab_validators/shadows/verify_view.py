@@ -9,19 +9,15 @@ from typing import Any
 import numpy as np
 import shapely
 
-from knotfab_formats.verdict import Named
 from knotfab_validators.arrays import Array, Ints, Mask
-from knotfab_validators.shadows.compare import Overlap, legibility, overlap, see_aside
+from knotfab_validators.shadows.compare import Overlap, overlap
 from knotfab_validators.shadows.exact_shadow import ShadowCaster, shadow_mask, shadow_polygon
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
-from knotfab_validators.shadows.naming import name_piece
 from knotfab_validators.shadows.outlines import WrongStretch, find_wrong_stretch
 from knotfab_validators.shadows.render import SilhouetteRenderer
 from knotfab_validators.shadows.tube_field import OutlineError, outline_error, tube_field
 from knotfab_validators.shadows.view import ViewGeometry
 from knotfab_validators.tube.solid_matter import tube_vertices
-
-NAMED_AT = ("45",)  # degrees to the side, from where the picture's own outline is no longer seen
 
 
 @dataclass(frozen=True)
@@ -53,8 +49,6 @@ class VerifiedView:
     stray_px: int | None
     tube: Overlap | None
     wrong: WrongStretch
-    legibility: dict[str, float]
-    recognition: dict[str, Named]
     seen: Mask
     of_tube: Mask
     outline: OutlineError | None = None
@@ -124,8 +118,6 @@ def verify_view(
     rendered = None if rendered is None else rendered & screen
     shadow = exact if rendered is None else rendered
     whole = overlap(shadow, wanted)
-    aside = _see_aside(caster, vertices, faces, geometry)
-    named = {angle: name_piece(aside[angle], target) for angle in NAMED_AT}
     result = VerifiedView(
         frame=frame,
         target=wanted,
@@ -139,8 +131,6 @@ def verify_view(
         stray_px=stray,
         tube=None if mounted else whole,
         wrong=find_wrong_stretch(shadow, wanted),
-        legibility=legibility(aside, target),
-        recognition={angle: found for angle, found in named.items() if found is not None},
         seen=shadow,
         of_tube=shadow,
     )
@@ -180,18 +170,6 @@ def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
         seen=kept,
         of_tube=of_tube,
     )
-
-
-def _see_aside(
-    caster: ShadowCaster, vertices: Array, faces: Ints, geometry: ViewGeometry
-) -> dict[str, list[Mask]]:
-    """Do what `see_aside` does, without matter on the wall, which is not part of the piece."""
-    _, w = geometry.project(vertices)
-    before = (w < geometry.w_of_receiver)[faces].any(axis=1)
-    if before.all():
-        return see_aside(caster, vertices, geometry)
-    left = faces[before]
-    return see_aside(ShadowCaster(vertices, left), vertices[np.unique(left)], geometry)
 
 
 def count_stray(rendered: Mask, exact: Mask, polygon: Any) -> int:
