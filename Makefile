@@ -167,7 +167,7 @@ viewer:
 
 # the pictures of README's first screen and of the studio's page: builds, a film and a browser (some minutes)
 pictures: demo browser
-	$(BIN)/python -c "from PIL import Image; Image.open('demo-out/piece.png').save('docs/piece.webp', quality=88)"
+	$(BIN)/python -m examples.off_and_on demo-out docs/piece.webp
 	$(BIN)/python -m benchmarks.readme_figures demo-out
 	$(BIN)/python -m examples.search_film examples/knight.png docs/search.gif
 	$(BIN)/python -m examples.studio_pictures examples/knight.png docs

@@ -36,7 +36,7 @@ from knotfab.pipeline.settle import (
 )
 from knotfab.pipeline.verifier import Verifier
 from knotfab.plan import Steps
-from knotfab.render.hung_picture import draw_hung
+from knotfab.render.hung_picture import draw_hung, draw_unlit
 from knotfab.render.part_picture import PartPainter, place_eyes, why_undrawn
 from knotfab.report.page import load_template
 from knotfab.report.pictures import place_strangers
@@ -97,7 +97,10 @@ class Workshop:
             eyes = place_strangers(piece.scene.views, report)
             if painter is not None and len(eyes):
                 with self.progress.stage("report"):
-                    painter.draw_panels(eyes).save(self.folder.file("unlit.png"), "PNG")
+                    unlit = draw_unlit(
+                        painter, piece.scene.views, eyes, _desk_mm(painter, piece.part)
+                    )
+                    unlit.save(self.folder.file("unlit.png"), "PNG", compress_level=3)
         return piece, report
 
 
@@ -117,10 +120,14 @@ def _draw(painter: PartPainter, part: Part, scene: SettledScene, folder: OutputF
     painter.draw_panels(place_eyes(scene.views)).save(folder.file("part.png"), "PNG")
     if part.mounted.hang is not None:
         painter.hang(part.mounted.hang.threads)
-    desk = float(painter.points[:, 1].min()) if part.mounted.stand is not None else None
-    hung = draw_hung(painter, scene.views, desk)
+    hung = draw_hung(painter, scene.views, _desk_mm(painter, part))
     if hung is not None:
         hung.save(folder.file("piece.png"), "PNG", compress_level=3)
+
+
+def _desk_mm(painter: PartPainter, part: Part) -> float | None:
+    """Return the height of the desk that a part stands on; None without a stand."""
+    return float(painter.points[:, 1].min()) if part.mounted.stand is not None else None
 
 
 def plan_piece(shop: Workshop, request: Request, left: Budget | None) -> Steps[Made]:

@@ -1,4 +1,4 @@
-"""The piece as it hangs, with its lamp on and its shadow on the wall: a picture to send."""
+"""The piece as it hangs: with its lamp on and its shadow on the wall, a picture to send; and by day."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ _TURN = 5  # cells about one, in which an outline may turn
 _GRID = 48  # cells across a shadow, to see how much of it a viewpoint shows
 _LAMPS = 3  # lamps that are drawn at most: one a channel
 _CORNER_DEG = 40.0, 140.0  # between two walls that one picture shows
-_BESIDE_DEG, _ABOVE_DEG = (
-    (-54.0, -46.0, -38.0, -30.0, 30.0, 38.0, 46.0, 54.0),
-    (-16.0, -6.0, 6.0, 16.0, 26.0),
-)
-_OBLIQUE = 0.6  # power of the foreshortening that a viewpoint is charged
+_BESIDE_DEG = -30.0, -24.0, -18.0, -12.0, 12.0, 18.0, 24.0, 30.0
+_ABOVE_DEG = -8.0, 0.0, 8.0, 16.0
+_DAY = 7.0  # the room's light by day, for 1 in the evening
+_DAY_PX = 800, 600
 # linear light: a warm lamp, a cool room, a plastered wall, a desk of wood
 _WARM, _COOL = np.array([1.0, 0.79, 0.54]), np.array([0.52, 0.57, 0.72])
 _PLASTER, _WOOD = np.array([0.94, 0.88, 0.79]), np.array([0.36, 0.22, 0.13])
@@ -49,7 +48,7 @@ class _Lamp:
 def draw_hung(
     painter: PartPainter, views: Sequence[ResolvedView], desk_mm: float | None = None
 ) -> Image.Image | None:
-    """Draw the piece before its wall with the lamp on, from where most of the shadow is seen.
+    """Draw the piece before its wall with the lamp on, from where its shadow is read best.
 
     Two walls make a corner. None where no view has a shadow.
 
@@ -59,8 +58,42 @@ def draw_hung(
     lamps = _choose_lamps(views)
     if not lamps:
         return None
-    walls = [one for n, one in enumerate(lamps) if not any(_same(one, o) for o in lamps[:n])]
-    eye = _place_viewer(painter.points, walls)
+    walls = _lit_walls(lamps)
+    return _draw(painter, _place_viewer(painter.points, walls), walls, lamps, desk_mm)
+
+
+def draw_unlit(
+    painter: PartPainter, views: Sequence[ResolvedView], eyes: Array, desk_mm: float | None = None
+) -> Image.Image:
+    """Draw the piece by day with its lamp off, from the way of each eye (k, 3), as a row of pictures.
+
+    Where no view has a wall, it is drawn on paper.
+    """
+    walls = _lit_walls(_choose_lamps(views))
+    if not walls:
+        return painter.draw_panels(eyes)
+    middle = np.mean([one.middle for one in walls], axis=0)
+    ways = (eyes - middle) / np.linalg.norm(eyes - middle, axis=1)[:, None]
+    seen = [_frame(painter.points, way, walls, _DAY_PX) for way in ways]
+    return Image.fromarray(
+        np.hstack([np.asarray(_draw(painter, eye, walls, (), desk_mm)) for eye in seen])
+    )
+
+
+def _lit_walls(lamps: Sequence[_Lamp]) -> list[_Lamp]:
+    """Return the first lamp of each wall."""
+    return [one for n, one in enumerate(lamps) if not any(_same(one, o) for o in lamps[:n])]
+
+
+def _draw(
+    painter: PartPainter,
+    eye: Eye,
+    walls: Sequence[_Lamp],
+    lamps: Sequence[_Lamp],
+    desk_mm: float | None,
+) -> Image.Image:
+    """Draw the piece before its walls by the light of lamps and room; by day where no lamp is on."""
+    day = 1.0 if lamps else _DAY
     lit = [Light(one.place, np.eye(3)[n], False) for n, one in enumerate(lamps)]
     if len(lamps) < _LAMPS:
         lit.append(Light(np.array([-0.6, 1.0, 0.8]), np.eye(3)[2], True))
@@ -86,7 +119,7 @@ def draw_hung(
         here = (behind > 0) & (behind < room)
         size = max(own.frame_mm)
         far = (off[0] ** 2 + off[1] ** 2 + off[2] ** 2) / (w * size) ** 2
-        pool = share / (1 + (far / 0.72) ** 1.6)
+        pool = share * bool(lamps) / (1 + (far / 0.72) ** 1.6)
         gathered = np.zeros((high, wide, 3), np.float32)
         for one, (lamp_eye, _, soft) in zip(lamps, cast, strict=True):
             if share < 1 or _same(one, own):
@@ -99,13 +132,13 @@ def draw_hung(
                 gathered += (pool * (1 - np.asarray(dark)))[..., None] * one.colour.astype(
                     np.float32
                 )
-        gathered += ((0.035 + 0.10 / (1 + far))[..., None]) * _COOL.astype(np.float32)
+        gathered += (day * (0.035 + 0.10 / (1 + far))[..., None]) * _COOL.astype(np.float32)
         gathered *= albedo.astype(np.float32) * (1 + grain)[..., None]
         colour[here], room[here], warmth[here] = gathered[here], behind[here], pool[here]
 
     shade = _occlude(np.minimum(depth, room), eye)
     colour *= shade[..., None]
-    piece = _light_piece(painter, lamps, cast, eye, light, depth, shade, warmth)
+    piece = _light_piece(painter, lamps, cast, eye, light, depth, shade, warmth, day)
     covered = light[..., 3:]
     mixed = colour * (1 - covered) + piece
     return Image.fromarray(encode_light(mixed * _vignette(high, wide), 1.7))
@@ -149,10 +182,10 @@ def _cast(points: Array, place: Array, plane: Array) -> Array:
 
 
 def _place_viewer(points: Array, walls: Sequence[_Lamp]) -> Eye:
-    """Place the viewer where most of the shadows is seen, and so that all of it is in the picture."""
-    some = points[:: max(1, len(points) // 15_000)]
-    shadows = [_cast(some, one.place, one.wall) for one in walls]
-    weights = [_weigh(_bin(one, shadow)) for one, shadow in zip(walls, shadows, strict=True)]
+    """Place the viewer where most of the shadows is seen and least of the piece lies beside them."""
+    some = _thin(points)
+    shadows = [_bin(one, _cast(some, one.place, one.wall)) for one in walls]
+    weights = [_weigh(shadow) for shadow in shadows]
     size = max(max(one.frame_mm) for one in walls)
     middle = np.mean([one.middle for one in walls], axis=0)
     if len(walls) > 1:  # into the corner
@@ -170,27 +203,36 @@ def _place_viewer(points: Array, walls: Sequence[_Lamp]) -> Eye:
                 @ axes
             )
             place, score = middle + 4 * size * way, 1.0
-            for one, weight in zip(walls, weights, strict=True):
+            for one, dark, weight in zip(walls, shadows, weights, strict=True):
                 hidden = _bin(one, _cast(some, place, one.wall))
-                score *= (
-                    float(weight[~hidden].sum()) * max(float(one.wall[:3] @ way), 0.0) ** _OBLIQUE
-                )
+                beside_it = (dark | hidden).sum() / dark.sum()
+                score *= float(weight[~hidden].sum()) / beside_it**2
             if score > best:
                 best, chosen = score, way
-    shown = np.concatenate([some, *shadows])
+    return _frame(points, chosen, walls, (WIDE_PX, HIGH_PX))
+
+
+def _frame(points: Array, way: Array, walls: Sequence[_Lamp], size_px: tuple[int, int]) -> Eye:
+    """Return the eye that looks against `way` and has all of the piece and its shadows in its picture."""
+    some = _thin(points)
+    shown = np.concatenate([some, *(_cast(some, one.place, one.wall) for one in walls)])
+    wide, high = size_px
+    size = max(max(one.frame_mm) for one in walls)
     to, away = shown.mean(axis=0), 5 * size
     for _ in range(8):
         reach = away + 10 * size
-        eye = eye_towards(
-            to + away * chosen, to, (0.0, 1.0, 0.0), _FIELD_DEG / 2, (WIDE_PX, HIGH_PX), reach
-        )
+        eye = eye_towards(to + away * way, to, (0.0, 1.0, 0.0), _FIELD_DEG / 2, size_px, reach)
         seen, _ = eye.project(shown)
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        off = ((low + high) / 2 - (WIDE_PX / 2, HIGH_PX / 2)) * away / eye.focal_px
+        low, far = seen.min(axis=0), seen.max(axis=0)
+        off = ((low + far) / 2 - (wide / 2, high / 2)) * away / eye.focal_px
         to = to + off[0] * eye.axes[0] - off[1] * eye.axes[1]
-        away *= float(((high - low) / (_FILLED * WIDE_PX, _FILLED * HIGH_PX)).max())
+        away *= float(((far - low) / (_FILLED * wide, _FILLED * high)).max())
     near = float(np.linalg.norm(some - eye.place, axis=1).min())
     return Eye(eye.place, eye.axes, eye.focal_px, eye.size, 0.8 * near, eye.far)
+
+
+def _thin(points: Array) -> Array:
+    return points[:: max(1, len(points) // 15_000)]
 
 
 def _weigh(dark: Mask) -> Array:
@@ -237,6 +279,7 @@ def _light_piece(
     depth: Real,
     shade: Real,
     warmth: Real,
+    day: float,
 ) -> Real:
     """Light the part's own pixels by its lamps, where nothing stands before them, and by the room."""
     high, wide = depth.shape
@@ -248,7 +291,7 @@ def _light_piece(
     own = shade[rows, columns]
     fill = channels[:, 2] if len(lamps) < _LAMPS else channels.mean(axis=1)
     paint, warm, cool = (np.asarray(c, np.float32) for c in (painter.paint, _WARM, _COOL))
-    found = np.outer(fill * own * np.float32(0.16), cool * paint)
+    found = np.outer(fill * own * np.float32(0.16 * day), cool * paint)
     found += np.outer(
         own * cover * (np.float32(0.05) + np.float32(0.10) * warmth[rows, columns]), warm * paint
     )

@@ -9,12 +9,15 @@ from PIL import Image
 
 from knotfab.geometry.tube import sweep
 from knotfab.render.hung_picture import (
+    _DAY_PX,
     HIGH_PX,
     WIDE_PX,
     _cast,
     _choose_lamps,
+    _frame,
     _place_viewer,
     draw_hung,
+    draw_unlit,
 )
 from knotfab.render.part_picture import PartPainter, why_undrawn
 from knotfab_formats.scene import ResolvedView
@@ -76,3 +79,24 @@ def test_an_eye_has_no_shadow_and_the_same_piece_the_same_picture() -> None:
         assert draw_hung(painter, [VIEW.but(kind="eye")]) is None
         one = grey(draw_hung(painter, [VIEW], desk_mm=-40.0))
         assert (one == grey(draw_hung(painter, [VIEW], desk_mm=-40.0))).all()
+
+
+def test_by_day_no_shadow_lies_on_the_wall() -> None:
+    lamp = _choose_lamps([VIEW])[0]
+    eyes = np.array([[300.0, 0.0, 300.0], [-300.0, 200.0, 300.0]])
+    with PartPainter(VERTICES, FACES) as painter:
+        drawn = np.asarray(draw_unlit(painter, [VIEW], eyes).convert("L")).astype(float)
+        on_paper = draw_unlit(painter, [VIEW.but(kind="eye")], eyes)
+    assert drawn.shape == (_DAY_PX[1], 2 * _DAY_PX[0])
+    assert on_paper.width == 2 * on_paper.height
+    way = (eyes[0] - lamp.middle) / np.linalg.norm(eyes[0] - lamp.middle)
+    eye = _frame(VERTICES, way, [lamp], _DAY_PX)
+    shadow = _cast(VERTICES, lamp.place, lamp.wall)
+    body, _ = eye.project(VERTICES)
+    middle = shadow.mean(axis=0)
+    seen, beside = (eye.project(middle + share * (shadow - middle))[0] for share in (1.0, 1.2))
+    apart = np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > 25
+    dark, light = (drawn[tuple(p[apart][:, ::-1].astype(int).T)] for p in (seen, beside))
+    assert apart.sum() > 200
+    assert np.median(dark) > 0.95 * np.median(light)
+    assert drawn[tuple(body[:, ::-1].astype(int).T)].mean() < 0.8 * np.median(light)
