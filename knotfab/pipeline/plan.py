@@ -95,7 +95,7 @@ class Workshop:
                     load_template()
             report = report_piece(piece, self.folder, request, self.progress)
             eyes = place_strangers(piece.scene.views, report)
-            if painter is not None and len(eyes):
+            if painter is not None and piece.part is not None and len(eyes):
                 with self.progress.stage("report"):
                     unlit = draw_unlit(
                         painter, piece.scene.views, eyes, _desk_mm(painter, piece.part)
