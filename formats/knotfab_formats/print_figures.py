@@ -134,32 +134,6 @@ class PoseFigures(TurnFigures):
     wall_distance_mm: Kept | None = None
 
 
-@dataclass(frozen=True)
-class Flatter:
-    """The cost of printing a flatter piece, whose depth is a share of the built one's."""
-
-    depth_share: float
-    hours: float
-    grams: float
-    support_grams: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class SupportAccess:
-    """The reach of tools to the supports under a piece.
-
-    `area_cm2`: of the undersides that need support. `reached`: for each tool, the share of them that it
-    reaches. `worst`: the place that only the thinnest tool reaches, or none, deepest inside of all such;
-    `worst_tool`: which one reaches it, None where none does.
-    """
-
-    area_cm2: float
-    tools_mm: Mapping[str, float]
-    reached: Mapping[str, float]
-    worst: Extent | None
-    worst_tool: str | None
-
-
 @dataclass(frozen=True, kw_only=True)
 class Way:
     """What a piece takes in one way to hold it, and its `price`, in hours.
@@ -230,7 +204,6 @@ class Print:
     printer: str
     printer_title: str | None = None
     mount: MountFigures | None = None
-    opening: str | None = None
     time_s: float | None = None
     filament_m: float | None = None
     filament_g: float | None = None
@@ -242,8 +215,6 @@ class Print:
     pose: PoseFigures | None = None
     plate: PlateFigures | None = None
     roots: RootsFigures | None = None
-    flatter: tuple[Flatter, ...] | None = None
-    support_access: SupportAccess | None = None
     supports: SupportFigures | None = None
     bars: BarFigures | None = None
     feet: FeetFigures | None = None
@@ -279,14 +250,6 @@ class SlicerCheck:
         return self.status == "pass"
 
 
-@dataclass(frozen=True)
-class Proven:
-    """A proof, and who gave it."""
-
-    what: str
-    by: str
-
-
 @dataclass(frozen=True, kw_only=True)
 class SlicerFigures:
     """The slicer's figures for the files, or the reason that there are none."""
@@ -305,7 +268,6 @@ class SlicerFigures:
     remedy: str | None = None
     warnings: tuple[SlicerWarning, ...]
     checks: tuple[SlicerCheck, ...]
-    proven: tuple[Proven, ...]
     command: str | None = None
     profile: Mapping[str, str] | None = None
     seconds: float | None = None

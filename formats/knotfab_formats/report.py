@@ -15,12 +15,10 @@ from knotfab_formats.errors import read_as
 from knotfab_formats.print_figures import (
     BarFigures,
     FeetFigures,
-    Flatter,
     MountFigures,
     PoseFigures,
     Print,
     SlicerFigures,
-    SupportAccess,
 )
 from knotfab_formats.search import SearchSettings
 from knotfab_formats.verdict import Check, Colours, Recognition, View
@@ -205,8 +203,6 @@ class FrameView(View):
     certificate: Certificate
     mount: MountFigures
     pose: PoseFigures | None = None
-    flatter: tuple[Flatter, ...] | None = None
-    support_access: SupportAccess | None = None
     bars: BarFigures | None = None
     feet: FeetFigures | None = None
     time_s: float | None = None

@@ -13,7 +13,6 @@ from knotfab.base.arrays import Array
 from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate, strands_along
 from knotfab.geometry.tube import face_normals
 from knotfab.knots import Knot, Knots
-from knotfab_formats.print_figures import Flatter
 
 # From scene to bed, in order of preference: back down (the light above), a side down, and the reverses.
 AXES = (
@@ -172,12 +171,11 @@ def _turn_to(up: Array, right: Array) -> Array:
     return np.stack([across, np.cross(up, across), up])
 
 
-# What a flatter piece would take to print, and how flat it must be to keep the printer's limit.
+# How flat a piece must be to keep the printer's limit.
 
 STEPS = 5  # halvings, to a thirty-second of the depth
 AIM = 0.95  # a share of the limit: the search that follows lays the strands differently
 ROUND_MM = 0.1
-FLATTER = (0.6, 0.0)  # shares of the depth that are estimated for the report as well
 
 
 @dataclass(frozen=True)
@@ -223,35 +221,6 @@ def flatter_depth(knots: Knots, depth_mm: float, rules: Rules) -> float | None:
         low, high = (middle, high) if least(middle) <= limit else (low, middle)
     depth = float(np.floor(low * depth_mm / ROUND_MM) * ROUND_MM)
     return depth if depth > 0 else None
-
-
-def estimate_flatter(
-    knots: Knots, sliced: Flatter, rules: Rules, shares: Sequence[float] = FLATTER
-) -> list[Flatter]:
-    """Estimate the cost of the same curves with less depth, each in its own best pose.
-
-    The strands' cost is what the slicer says of the piece as it is, less supports and layers, scaled by their
-    length. Supports and layers are those of the new pose, with supports scaled by the ratio of the slicer's
-    to their estimate. A new search with less depth would lay the strands differently.
-
-    Args:
-        knots: in scene coordinates. sliced: the piece as it is, by the slicer.
-    """
-    whole, poses = _rank_flattened(knots, 1.0, rules)
-    as_is = poses[0].estimate
-    scale = sliced.support_grams / as_is.filament_cm3 if as_is.filament_cm3 > 0 else 0.0
-    strands_hours = sliced.hours - estimate_print_minutes(as_is) / 60
-    strands_grams = sliced.grams - sliced.support_grams
-    found = []
-    for share in shares:
-        flat, poses = _rank_flattened(knots, share, rules)
-        length = float(flat.length.sum() / whole.length.sum())
-        best = poses[0].estimate
-        supports = scale * best.filament_cm3
-        hours = length * max(strands_hours, 0.0) + estimate_print_minutes(best) / 60
-        grams = length * strands_grams + supports
-        found.append(Flatter(share, round(hours, 2), round(grams, 1), round(supports, 1)))
-    return found
 
 
 def _rank_flattened(knots: Knots, share: float, rules: Rules) -> tuple[Strands, list[Ranked]]:

@@ -22,7 +22,6 @@ from knotfab.pipeline.finish import report_piece
 from knotfab.pipeline.piece import Settled, WrittenPiece
 from knotfab.pipeline.plan import Workshop, plan_places
 from knotfab.plan import Attempts
-from knotfab.report.effects import limits_as_effects
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
 from knotfab.report.supports import sum_supports
 from knotfab.request import Request
@@ -42,7 +41,7 @@ from knotfab_formats.verdict import Check, Status, exit_code, list_unmet
 from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 PICTURES = "picture-frame-*"  # how scene.toml names the frames' pictures
-_OF_FRAME = ("pose", "flatter", "support_access", "bars", "feet")  # keys of `print` told by frame
+_OF_FRAME = ("pose", "bars", "feet")  # keys of `print` told by frame
 _SUMMED = ("time_s", "filament_m", "filament_g", "support_g")  # keys of `print` summed over frames
 _FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
 Line = TypeVar("Line", EffectLine, LimitLine)
@@ -174,7 +173,7 @@ def _sequence_report(
         verdict=worst_verdict(views),
         views=views,
         checks=together,
-        effects=(*effects, *limits_as_effects(limits)),
+        effects=effects,
         limits=limits,
         knots=tuple(knot for r in reports for knot in r.knots),
         print=with_slicing(print_, sliced) if request.printing else print_,
@@ -301,9 +300,8 @@ def _merge_checks(reports: Sequence[Report]) -> list[Check]:
 
 
 def list_effects(reports: Sequence[Report]) -> tuple[EffectLine, ...]:
-    """List each effect once for all frames; limits stand among the effects of each, and are left out."""
-    limits = {line.name for r in reports for line in r.limits}
-    every = [[line for line in r.effects if line.name not in limits] for r in reports]
+    """List each effect once for all frames."""
+    every = [report.effects for report in reports]
     return merge_lines(every, lambda line: (line.simulated, line.magnitude))
 
 

@@ -20,7 +20,6 @@ from knotfab.report.effects import judge_made, list_sags, list_views, tell_bound
 from knotfab.report.folder_page import write_page
 from knotfab.report.for_maker import check_slicing, tell_setup, tell_unsliced, with_slicing
 from knotfab.report.pictures import draw_agreement, turn_piece
-from knotfab.report.posing import find_access, report_posing
 from knotfab.report.report import (
     check_3mf,
     check_certificate,
@@ -34,7 +33,7 @@ from knotfab.report.report import (
 )
 from knotfab.report.rows import list_rows
 from knotfab.report.setup import write_setup
-from knotfab.report.supports import report_supports
+from knotfab.report.supports import report_posing, report_supports
 from knotfab.request import Outcome, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.laxer import tell_laxer
@@ -62,12 +61,11 @@ def report_piece(
         return _report_unbuilt(piece, request)
     mounted, printing = part.mounted, request.printing
     cameras = cameras_of(piece.scene.views, piece.targets)
-    drawings, access = list[str](), None
+    drawings = list[str]()
     if printing:
         with progress.stage("drawings"):  # while the validators measure
             drawings = write_setup(folder.work, mounted, piece.scene, cameras, piece.suffix)
             drawings += write_drill_template(folder.work, mounted, cameras[0], piece.suffix)
-            access = find_access(part)
     with progress.stage("verify"):
         said = _read_back(folder, piece)
         verdict = piece.verdict
@@ -93,8 +91,7 @@ def report_piece(
         if printing:
             print_ = with_slicing(print_, sliced)
             checks += check_price(print_, piece.scene.piece)
-        how = piece.flattening, piece.suffix
-        print_, laid = report_posing(print_, part, *how, printing=printing, access=access)
+        print_, laid = report_posing(print_, part, piece.flattening, printing=printing)
         if printing:
             judged = worst_verdict(views)
             word = "faithful" if judged is None else judged.word

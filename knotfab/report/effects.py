@@ -69,25 +69,6 @@ def list_limits(result: SearchResult) -> tuple[LimitLine, ...]:
     )
 
 
-def limits_as_effects(limits: Sequence[LimitLine]) -> tuple[EffectLine, ...]:
-    """Repeat the limits as lines of `effects`, where older readers look for them."""
-    return tuple(
-        EffectLine(
-            name=line.name,
-            simulated=line.calls > 0,
-            forced=False,
-            where=("search",) if line.calls else (),
-            magnitude=line.measured,
-            threshold=line.limit,
-            unit=line.unit,
-            calls=line.calls,
-            seconds=line.seconds,
-            reason="a limit is guarded always; its term is called while it can be felt",
-        )
-        for line in limits
-    )
-
-
 def tell_warnings(effects: Mapping[str, Decision]) -> list[str]:
     """Warn about each effect that is switched off although the scene calls for it."""
     return [decision.warning for decision in effects.values() if decision.warning is not None]

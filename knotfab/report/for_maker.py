@@ -19,7 +19,7 @@ from knotfab.picture.raster import image_uri
 from knotfab.render.pages import length
 from knotfab.report.setup_words import lamp_facts, steps_of
 from knotfab.scene.camera import Camera
-from knotfab_formats.print_figures import Flatter, Print, Proven, SetupSteps, SlicerFigures
+from knotfab_formats.print_figures import Print, SetupSteps, SlicerFigures
 from knotfab_formats.verdict import Check, Status
 from knotfab_formats.views import View
 from knotfab_validators.check import at_most
@@ -141,29 +141,7 @@ def _near_ink(image: Any, axis: int) -> NDArray[np.bool_]:
     return np.asarray(binary_dilation(inked, iterations=16))
 
 
-# The slicer's part of a report: its check, its table, and what was proven by whom.
-
-
-# PrusaSlicer ends with exit code 0 for a mesh with holes, for one that overlaps itself and for a part
-# outside the bed, and it leaves out what is thinner than a line without a word.
-PROVEN = (
-    Proven("closed surfaces without self-intersection", "knotfab, from part.stl"),
-    Proven("shadow, clearances, knot types, thickness", "knotfab, from part.stl and knots.json"),
-    Proven("size and place of the one object in part.3mf", "knotfab, from what PrusaSlicer read"),
-    Proven(
-        "the whole surface is printed, and every shell where it belongs", "knotfab, from the G-code"
-    ),
-    Proven("part and supports inside the build volume", "knotfab, from the G-code"),
-    Proven("filament and layers agree with the mesh", "knotfab, from the G-code"),
-    Proven("toolpaths can be made of part.3mf, each layer has some", "PrusaSlicer"),
-    Proven("printing time, filament, supports", "PrusaSlicer's estimate, for a cautious machine"),
-)
-
-OPENING = (
-    "part.3mf is one object with its shells in their places, and holds no settings. Bambu Studio and "
-    "OrcaSlicer therefore say that it is not from them and that they load its geometry only: that is "
-    "right. Choose printer, filament and supports there; slicer.ini has them for PrusaSlicer."
-)
+# The slicer's part of a report: its check and its table.
 
 
 def tell_unsliced(result: Sliced | NotSliced | None) -> list[str]:
@@ -176,6 +154,8 @@ def tell_unsliced(result: Sliced | NotSliced | None) -> list[str]:
 def check_slicing(result: Sliced | NotSliced) -> Check:
     """Check `slicer`: whether PrusaSlicer makes G-code that prints the part.
 
+    The program ends with exit code 0 for a mesh with holes, for one that overlaps itself and for a part
+    outside the bed, and leaves out what is thinner than a line without a word: so its G-code is looked at.
     It fails if the program refuses the part or crashes on it, for a warning that nothing explains away,
     and for G-code that does not print the part. Without a slicer, or without an answer in time, it
     is skipped and not required.
@@ -200,37 +180,19 @@ def check_slicing(result: Sliced | NotSliced) -> Check:
 def report_slicing(result: Sliced | NotSliced) -> SlicerFigures:
     """Fill the report's table `slicer`; its figures are None where the part was not sliced."""
     if isinstance(result, NotSliced):
-        return SlicerFigures(
-            reason=result.reason,
-            remedy=result.remedy,
-            warnings=(),
-            checks=(),
-            proven=tuple(one for one in PROVEN if one.by.startswith("knotfab, from part.stl")),
-        )
-    return SlicerFigures(**vars(result), proven=PROVEN)
+        return SlicerFigures(reason=result.reason, remedy=result.remedy, warnings=(), checks=())
+    return SlicerFigures(**vars(result))
 
 
 def with_slicing(print_: Print, result: Sliced | NotSliced | None) -> Print:
-    """Add to a printed piece's figures how to open its files, and what the slicer says it takes."""
+    """Add to a printed piece's figures what the slicer says that it takes."""
     if not isinstance(result, Sliced):
-        return replace(print_, opening=OPENING)
+        return print_
     return replace(
         print_,
-        opening=OPENING,
         time_s=result.time_s,
         filament_m=result.filament_m,
         filament_g=result.filament_g,
         support_g=result.filament_g * result.support_share,
         support_share=result.support_share,
     )
-
-
-def tell_flatter(flatter: Sequence[Flatter]) -> str:
-    """Say in one sentence what a flatter piece would take."""
-    less = []
-    for other in flatter:
-        share = other.depth_share
-        how = f"with {share:.0%} of its depth" if share else "flat"
-        hours = f"{other.hours:.1f} h" if other.hours >= 1 else f"{60 * other.hours:.0f} min"
-        less.append(f"{how} {hours} and {other.grams:.0f} g")
-    return f"A flatter piece would take, by an estimate: {', '.join(less)}."

@@ -16,7 +16,7 @@ from knotfab.design.design import Design
 from knotfab.geometry.tube import Mesh, box_of, mesh_volume
 from knotfab.knots import Knots
 from knotfab.part.slicer_process import NotSliced, Sliced
-from knotfab.report.effects import limits_as_effects, list_effects, list_limits
+from knotfab.report.effects import list_effects, list_limits
 from knotfab.report.for_maker import report_slicing
 from knotfab.request import Request
 from knotfab.scene.catalogue import title_of
@@ -142,15 +142,14 @@ def report_of(
     from knotfab.part.assemble import shrink_of
 
     placed = placed.moved(shrink_of(made.scene))
-    limits = list_limits(made.result)
     bound = made.unmet is not None or made.binding
     return Report(
         status="fail" if exit_code(checks) else "pass",
         verdict=worst_verdict(views),
         views=tuple(views),
         checks=tuple(checks),
-        effects=(*list_effects(made.result, verdict), *limits_as_effects(limits)),
-        limits=limits,
+        effects=list_effects(made.result, verdict),
+        limits=list_limits(made.result),
         knots=_list_knots(placed),
         print=print_,
         settings=_list_settings(request, made, placed, print_.mount),

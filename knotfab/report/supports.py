@@ -1,4 +1,4 @@
-"""The report on how a piece is held while it prints, and what the alternative would cost."""
+"""How a piece lies on the bed, how it is held while it prints, and what another way would cost."""
 
 from __future__ import annotations
 
@@ -12,16 +12,95 @@ from knotfab.design.candidates import ARCHES, DEPTH_RATIO, PER_GRAM, hours_of_pl
 from knotfab.geometry.tube import face_normals, keep_faces, mesh_volume, split_shells
 from knotfab.request import Request
 from knotfab.scene.require import why_supported
-from knotfab_formats.print_figures import BarFigures, FeetFigures, Print, SupportFigures, Way
+from knotfab_formats.print_figures import (
+    BarFigures,
+    FeetFigures,
+    Kept,
+    PoseFigures,
+    Print,
+    SupportFigures,
+    Way,
+)
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.verdict import Check, View
 
 if TYPE_CHECKING:
     from knotfab.part.assemble import Part
+    from knotfab.part.orient import Flattening
 
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
 ROOM = 0.02
 _BED_MM = 1e-6  # what is no higher lies on the bed
+
+
+def report_posing(
+    print_: Print, part: Part, flattening: Flattening | None, *, printing: bool = False
+) -> tuple[Print, list[str]]:
+    """Add the pose to the figures of a piece, with notes on it."""
+    pose = _pose_figures(part, flattening)
+    scene, notes = part.mounted.scene, list[str]()
+    if printing and pose.box_cm3 is not None and scene.printer.process == "powder":
+        notes.append(
+            "It is printed in powder, which carries it: no supports, and any pose will do. Its box of "
+            f"{pose.box_cm3:.0f} cm³ is what it takes of the powder bed."
+        )
+    if (shrinkage := pose.shrinkage_percent) is not None:
+        larger = 100 / (1 - shrinkage / 100) - 100
+        notes.append(
+            f"All files are written {larger:.2f} % larger, for the material shrinks "
+            f"by {shrinkage:g} %: switch off what your slicer or print service does about it."
+        )
+    return replace(print_, pose=pose), [*notes, *_tell_flattening(flattening)]
+
+
+def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
+    """Report how the piece lies and why, and its depth before it was made flatter."""
+    account, powder = part.pose.account, part.mounted.scene.printer.process == "powder"
+    if account is not None:
+        pose = account.figures()
+    else:
+        by = "the volume of its box" if powder else "least height"
+        pose = PoseFigures(
+            chosen_by="the mount" if part.mounted.upright is not None else by,
+            height_mm=round(float(part.pose.size_mm[2]), 2),
+            box_cm3=round(float(part.pose.size_mm.prod()) / 1000, 1),
+        )
+    depth = distance = None
+    if flattening is not None:
+        first, kept = round(flattening.from_mm, 2), round(flattening.to_mm, 2)
+        depth = Kept(first, kept, flattening.proposed_mm)
+        if flattening.unheld:
+            distance = Kept(round(flattening.wall_mm[0], 2), round(flattening.wall_mm[1], 2))
+    return replace(
+        pose,
+        shrinkage_percent=part.mounted.scene.material.shrinkage_percent or None,
+        depth_mm=depth,
+        wall_distance_mm=distance,
+    )
+
+
+def _tell_flattening(flattening: Flattening | None) -> list[str]:
+    """Say that a piece was rebuilt nearer to the wall or flatter, or would have to be."""
+    if flattening is None:
+        return []
+    notes = []
+    if flattening.unheld:
+        first, kept = flattening.wall_mm
+        notes.append(
+            f"At {first:.0f} mm from the wall, {flattening.from_mm:.0f} mm deep, {flattening.unheld}: "
+            f"so it was rebuilt at {kept:.0f} mm, {flattening.to_mm:.0f} mm deep."
+        )
+    elif flattening.to_mm < flattening.from_mm:
+        notes.append(
+            f"Its depth was lowered from {flattening.from_mm:.0f} to {flattening.to_mm:.0f} mm, "
+            "as no pose kept the printer's limit for supports."
+        )
+    if flattening.proposed_mm is not None:
+        notes.append(
+            "No pose keeps the printer's limit for supports: a depth of about "
+            f"{flattening.proposed_mm:g} mm would (--depth {flattening.proposed_mm:g})."
+        )
+    return notes
 
 
 def report_supports(

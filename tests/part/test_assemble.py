@@ -24,7 +24,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import Part, _choose_pose, clean_body, enlarge_knots, shrink_of
 from knotfab.part.write import make_pose, pose_scene, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Change, Given, Target
-from knotfab.report.posing import report_posing
+from knotfab.report.supports import report_posing
 from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene

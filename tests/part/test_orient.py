@@ -14,7 +14,6 @@ from knotfab.base.errors import SceneError
 from knotfab.geometry.overhang import Estimate, Rules, Strands, estimate
 from knotfab.geometry.tube import sweep
 from knotfab.part.orient import (
-    estimate_flatter,
     estimate_minutes,
     estimate_supports_cm3,
     flatter_depth,
@@ -24,7 +23,6 @@ from knotfab.part.orient import (
     strands_of,
 )
 from knotfab.part.pose import PrintPose, choose_pose
-from knotfab_formats.print_figures import Flatter
 from tests.geometry.test_overhang import RADIUS, knots_of, wave
 
 pytestmark = pytest.mark.slow
@@ -156,17 +154,6 @@ def test_the_weights_of_a_pose() -> None:
     assert estimate_minutes(Estimate(10.0, 20.0, 1e9, 10.0, 0, 0.0)) == pytest.approx(
         estimate_minutes(sound)
     )
-
-
-def test_less_depth_takes_less_and_as_much_depth_the_same() -> None:
-    knots = knots_of(wave(deep=80.0))
-    sliced = Flatter(1.0, 12.0, 100.0, 60.0)
-    same, less, flat = estimate_flatter(knots, sliced, Rules(), (1.0, 0.6, 0.0))
-    assert (same.hours, same.grams, same.support_grams) == pytest.approx((12.0, 100.0, 60.0))
-    assert flat.hours < less.hours < 12.0 and flat.support_grams < less.support_grams < 60.0
-    assert 0 < flat.grams < less.grams < 100.0
-    none = estimate_flatter(knots, Flatter(1.0, 5.0, 40.0, 0.0), Rules(), (0.6,))[0]
-    assert none.support_grams == 0.0
 
 
 def test_a_flatter_piece_is_proposed_where_no_pose_will_do() -> None:

@@ -8,28 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pieces import ring
 from reports import report_with
-from solids import box, move, together
 
-from knotfab.geometry.overhang import Rules
-from knotfab.geometry.tube import sweep
 from knotfab.part.orient import Flattening
 from knotfab.part.slicer_process import NotSliced, Sliced, sum_slicings
-from knotfab.report.for_maker import tell_flatter
-from knotfab.report.posing import TOOLS_MM, find_access, measure_access, report_posing, tell_access
+from knotfab.report.supports import report_posing
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import parse_scene
-from knotfab_formats.print_figures import (
-    Flatter,
-    Kept,
-    PoseFigures,
-    Print,
-    SlicerCheck,
-    SlicerWarning,
-    SupportAccess,
-)
-from knotfab_validators.geometry.mesh import Mesh
+from knotfab_formats.print_figures import Kept, PoseFigures, Print, SlicerCheck, SlicerWarning
 
 BOX = (np.array([[0.0, 0, 0], [10, 20, 30]]), np.zeros((0, 3), dtype=np.int32))
 
@@ -77,27 +63,11 @@ def test_a_piece_that_was_brought_to_its_wall() -> None:
     assert found.pose is not None and found.pose.wall_distance_mm == Kept(100.0, 45.0)
 
 
-def test_powder_asks_for_neither_supports_nor_access() -> None:
+def test_powder_asks_for_no_supports() -> None:
     piece = part(scene="[printer]\nname = 'hp-mjf'")
-    how = {"printing": True, "access": find_access(piece)}
-    found, (note,) = report_posing(report_with().print, piece, None, **how)
+    found, (note,) = report_posing(report_with().print, piece, None, printing=True)
     assert found.pose is not None and found.pose.chosen_by == "the volume of its box"
     assert "no supports" in note and "6 cm³" in note
-    assert found.support_access is None
-
-
-def test_what_was_sliced_is_told_with_its_supports() -> None:
-    sliced = {"time_s": 5400.0, "filament_g": 20.0, "support_g": 5.0, "support_share": 0.25}
-    print_, how = report_with(print=sliced).print, {"printing": True, "access": find_access(part())}
-    found, _ = report_posing(print_, part(), None, **how)
-    assert found.support_access is not None
-    assert found.support_access.worst is None  # a box that has no face
-    assert report_posing(print_, part(), None)[0].support_access is None
-
-
-def test_what_less_depth_would_take_is_one_sentence() -> None:
-    said = tell_flatter([Flatter(0.6, 1.5, 20.0, 5.0), Flatter(0, 0.5, 9.0, 0.0)])
-    assert said.endswith(": with 60% of its depth 1.5 h and 20 g, flat 30 min and 9 g.")
 
 
 def make_sliced(time_s: float, *, passed: bool) -> Sliced:
@@ -126,64 +96,3 @@ def test_one_file_is_not_renamed_and_one_that_fails_decides() -> None:
     found = sum_slicings({"part-01.3mf": one, "part-02.3mf": thin})
     assert found == NotSliced("refused", "part-02.3mf: it is thin")
     assert sum_slicings({"part-01.3mf": missing, "part-02.3mf": thin}) == missing
-
-
-# How supports are reached: what is open, what is shut in, and windows that only some tools pass.
-
-
-def measured(*bodies: Mesh) -> SupportAccess:
-    return measure_access([(b.vertices, b.faces.astype(np.int32)) for b in bodies], Rules())
-
-
-def room(window: float, side: float = 40.0, wall: float = 2.0) -> Mesh:
-    """A shut room on the bed; one wall leaves a slit of a height `window` open below the ceiling."""
-    s, w = side, wall
-    return together(
-        box((0, 0, 0), (s, s, w)),
-        box((0, 0, s - w), (s, s, s)),
-        box((0, 0, w), (w, s, s - w)),
-        box((s - w, 0, w), (s, s, s - w)),
-        box((w, s - w, w), (s - w, s, s - w)),
-        box((w, 0, w), (s - w, w, s - w - window)),
-    )
-
-
-def test_a_ring_in_the_air_is_open_to_all() -> None:
-    found = measure_access([sweep(ring(40.0, 30.0, 120, wave=0.0), 2.0, 16)], Rules())
-    assert set(found.reached) == set(TOOLS_MM)
-    assert all(share == 1.0 for share in found.reached.values())
-    assert found.worst_tool == "finger" and "100%" in tell_access(found)
-    # a quarter turn to either side sees half of the underside's circumference
-    assert found.area_cm2 == pytest.approx(2 * np.pi * 40 * 2.0 * np.pi / 2 / 100, rel=0.1)
-
-
-@pytest.mark.slow
-def test_what_is_shut_in_is_reached_by_nothing() -> None:
-    found = measured(room(0.0))
-    assert all(share == 0.0 for share in found.reached.values())
-    assert found.worst is not None and found.worst_tool is None
-    assert "needs a bent tool" in tell_access(found)
-    x, y, z = found.worst
-    assert 2 < x < 38 and 2 < y < 38 and z == pytest.approx(38.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("window", "largest"), [(5.0, "pliers"), (10.0, "cutter"), (20.0, "finger")]
-)
-def test_a_window_lets_in_what_passes_through_it(window: float, largest: str) -> None:
-    found = measured(room(window))
-    for name, diameter in TOOLS_MM.items():
-        assert (found.reached[name] > 0) == (diameter <= TOOLS_MM[largest]), name
-    shares = [found.reached[name] for name in sorted(TOOLS_MM, key=lambda n: -TOOLS_MM[n])]
-    assert shares == sorted(shares)
-
-
-def test_what_lies_on_the_bed_has_no_supports() -> None:
-    found = measured(box((0, 0, 0), (20, 20, 3)))
-    assert found.area_cm2 == 0.0 and found.worst is None
-    assert all(share == 1.0 for share in found.reached.values())
-    aloft = move(box((0, 0, 0), (20, 20, 3)), shift=(0, 0, 30))
-    assert measured(aloft).area_cm2 == pytest.approx(4.0, rel=1e-6)
-    powder = Rules(supports=False, powder=True)
-    assert measure_access([(aloft.vertices, aloft.faces.astype(np.int32))], powder).worst is None

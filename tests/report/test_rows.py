@@ -21,7 +21,7 @@ SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60
 
 
 STRINGS = {
-    "retractions": 21121, "layers": 542, "warnings": [], "checks": [], "proven": [],
+    "retractions": 21121, "layers": 542, "warnings": [], "checks": [],
 }  # fmt: skip
 
 

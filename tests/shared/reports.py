@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.report.effects import limits_as_effects
 from knotfab_formats.errors import read_as
 from knotfab_formats.report import Report
 from knotfab_formats.search import PRESETS
@@ -100,5 +99,4 @@ def report_with(**sections: Any) -> Report:
         found,
         status="fail" if exit_code(found.checks) else "pass",
         verdict=found.verdict or worst_verdict(found.views),
-        effects=(*found.effects, *limits_as_effects(found.limits)),
     )
