@@ -56,7 +56,7 @@ class Request:
 
     def is_mounted(self, knots: int) -> bool:
         """Return whether a piece of this many knots is printed with a mount."""
-        given = self.scene.mount.asked or self.scene.hangs(knots)
+        given = self.scene.mount.asked or self.scene.on_wall(knots)
         return self.printing and (given or self.chooses_holder)
 
     def budget(self, spent_s: float, mounted: bool) -> Budget | None:

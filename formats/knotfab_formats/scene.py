@@ -100,8 +100,8 @@ class Scene(Table):
         first, *others = self.views
         return not others and first.kind == "shadow"
 
-    def hangs(self, knots: int) -> bool:
-        """Return whether the piece gets a wall mount; if open, only several knots on one wall do."""
+    def on_wall(self, knots: int) -> bool:
+        """Return whether a wall mount holds the piece; where that is open, only several knots get one."""
         if self.mount.kind != "auto" or self.mount.on_feet:
             return self.mount.kind == "wall" or self.mount.on_feet
         return knots > 1 and len(self.views) == 1

@@ -28,7 +28,7 @@ FILAMENTS = {
 
 
 def line_width_mm(nozzle_mm: float) -> float:
-    """Return the width of every printed line, 1.125 nozzles as is usual."""
+    """Return the width of a printed line: 1.125 times the nozzle, as is usual."""
     return round(1.125 * nozzle_mm, 4)
 
 

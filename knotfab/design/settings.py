@@ -77,7 +77,7 @@ def outline_px(accuracy: Accuracy, settings: SearchSettings) -> float:
 def place_start(
     scene: ResolvedScene, settings: SearchSettings
 ) -> tuple[ResolvedScene, SearchSettings]:
-    """Enter in scene and settings the numbers that the search for a free view starts from.
+    """Set distances and radius to those from which the search for a free view starts.
 
     The scene that a build has written holds the numbers found, and its settings those that the search started
     from, so a rebuild starts there again.

@@ -20,7 +20,7 @@ from knotfab_formats.views import Placing, Switch
 
 @dataclass(frozen=True)
 class World:
-    """The scene's settings about people and printer.
+    """What a scene says of how exactly people place the piece, and of the printer.
 
     `turns`: whether a piece of one knot can turn against its wall, as one mounted on it cannot;
     `loose_turns`: whether a piece of several knots can.
@@ -35,7 +35,7 @@ class World:
     def from_scene(scene: ResolvedScene) -> World:
         """Return the world of a scene, taking its piece to be one knot."""
         found = scene.mount.turns
-        turns, loose = (not scene.hangs(n) if found is None else found for n in (1, 2))
+        turns, loose = (not scene.on_wall(n) if found is None else found for n in (1, 2))
         return World(scene.placing, scene.printer, turns, loose)
 
     def holding(self, knots: int) -> World:

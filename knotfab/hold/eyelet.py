@@ -170,7 +170,7 @@ def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:
 
 
 def leave_no_gap(posts: Candidates, ring: Eyelet, clearance_mm: float) -> Mask:
-    """Return whether posts that end on a ring part from it fast enough that no gap prints closed, (n,)."""
+    """Return which posts part from the ring that they end on so fast that no gap prints closed, (n,)."""
     at, half = ring.outline(_SIDES), np.arange(_SIDES // 2 + 1)
     joint = int(np.linalg.norm(at - posts.end[0], axis=1).argmin())
     i, j = np.divmod(np.arange(len(posts) * _SIDES), _SIDES)

@@ -107,7 +107,7 @@ def _resolve_mount(scene: SettledScene, knots: Knots, cameras: Sequence[Camera])
     if scene.mount.on_feet:
         kind, foot = "wall", "plate"
     if kind == "auto":
-        kind = "wall" if scene.hangs(len(knots.knots)) else "none"
+        kind = "wall" if scene.on_wall(len(knots.knots)) else "none"
     if foot == "auto":
         foot = choose_foot(scene, knots, cameras[0]) if kind == "wall" else "plate"
     sag = (

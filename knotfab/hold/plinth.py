@@ -139,7 +139,7 @@ class Base:
 
     @property
     def corners(self) -> Array:
-        """In the scene, (8, 3)."""
+        """The corners in the scene, (8, 3), mm."""
         own = [
             [x, y, z]
             for x in (self.left, self.right)

@@ -19,10 +19,10 @@ from knotfab.hold.struts import (
     SAMPLE_RADII,
     Candidates,
     Sites,
-    beside_on_rings,
     list_struts,
     off_segments,
     opens_slowly,
+    ring_neighbours,
     sample_strands,
     tangents,
 )
@@ -334,7 +334,7 @@ def _clear_rays(
     # within its joint a strand may touch the peg, but must leave it at once
     joint = np.flatnonzero(close & own)
     ray, found = ray[joint], found[joint]
-    back, ahead = beside_on_rings(np.bincount(owner, minlength=len(knots.knots)))
+    back, ahead = ring_neighbours(np.bincount(owner, minlength=len(knots.knots)))
     forward = (arc[found] - arc_of_vertex[ray]) % perimeter[owner[found]]
     onward = np.where(forward <= perimeter[owner[found]] / 2, ahead[found], back[found])
     _, there = off_segments(samples[onward], top[ray], unit[ray], length[ray])

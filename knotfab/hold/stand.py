@@ -207,7 +207,7 @@ def least_shown(every: Candidates, shadows: MountShadows, count: int, sites: int
 
 
 def list_bridges(sites: Sites, shadows: MountShadows, tube: float, radius: float) -> Candidates:
-    """List the struts between two knots, however visible, that show least."""
+    """List for each two knots the struts that show least, however much that is."""
     parts = [no_members()]
     for a in range(len(sites.perimeter)):
         for b in range(a):

@@ -200,7 +200,7 @@ class Obstacles(Way):
         super().__init__(no_members())
         self.sites, self.clearance, self.tube = sites, clearance_mm, knots.radius_mm
         self.points, self.owner, self.arc, _ = sample_strands(knots)
-        self.beside = beside_on_rings(np.bincount(self.owner))
+        self.beside = ring_neighbours(np.bincount(self.owner))
         self.tree = cKDTree(self.points)
         # between two samples a strand comes nearer by no more than this
         self.slack = (SAMPLE_RADII * knots.radius_mm) ** 2 / (8 * (knots.radius_mm + clearance_mm))
@@ -266,8 +266,8 @@ def off_segments(points: Array, start: Array, unit: Array, length: Array) -> tup
     return along, np.asarray(np.linalg.norm(to - along[:, None] * unit, axis=1))
 
 
-def beside_on_rings(counts: Indices) -> Indices:
-    """Return the samples before and after each one, (2, n), for rings of these sample counts."""
+def ring_neighbours(counts: Indices) -> Indices:
+    """Return the samples before and after each one, (2, n), on rings of so many samples."""
     ring, place = number_runs(counts)
     first, around = np.arange(len(place)) - place, counts[ring]
     return np.stack([first + (place - 1) % around, first + (place + 1) % around])

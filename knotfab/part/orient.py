@@ -115,12 +115,6 @@ def keeps_limits(found: Estimate, rules: Rules) -> bool:
     return found.starts == 0 and found.bridge_mm <= rules.max_bridge_mm
 
 
-def spread_turns(count: int) -> Array:
-    """Return rotations of the axes, and of directions all round, onto the vertical."""
-    right = np.array([1.0, 0.0, 0.0])
-    return np.stack([*AXES[:3], *(_turn_to(up, right) for up in _spread_directions(count))])
-
-
 def _order(pose: Ranked, rules: Rules) -> tuple[bool, float]:
     within = keeps_limits(pose.estimate, rules)
     return not within, round(pose.minutes if within else pose.estimate.support_cm3, 6)

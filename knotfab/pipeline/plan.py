@@ -429,7 +429,7 @@ def _word_of(report: Report) -> str:
 
 def with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Design]:
     """Return request and design with this kind of mount, which the search had left open."""
-    turns = not request.scene.hangs(len(made.knots.knots))
+    turns = not request.scene.on_wall(len(made.knots.knots))
     given = {"kind": kind, "turns": turns}
     asked = request.scene.but(mount=request.scene.mount.but(**given))
     own = made.scene.but(mount=made.scene.mount.but(**given))

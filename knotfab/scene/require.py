@@ -106,7 +106,7 @@ def stand_alone(scene: ResolvedScene, knots: int) -> ResolvedScene:
     mount, view = scene.mount, scene.views[0]
     near = scene.is_one_shadow and "wall_distance_mm" not in view.model_fields_set
     plain = not view.wall_tilt_deg and mount.foot != "dowel"
-    if plain and mount.plate == "auto" and scene.hangs(max(knots, 2) if near else knots):
+    if plain and mount.plate == "auto" and scene.on_wall(max(knots, 2) if near else knots):
         mount = mount.but(plate="roots")
     elif mount.plate == "none":
         mount = mount.but(kind="none")

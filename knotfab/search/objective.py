@@ -126,7 +126,7 @@ class Objective:
             self.won[number] = image.find_winners(points, self.rings, self.limits.radius, tau)
 
     def look_from(self, frame: Frame, limits: Limits, turn: Array) -> None:
-        """Take another pose of the one view: its frame, its limits, and its axes as columns of `turn`."""
+        """Look from another pose of the one view, by its frame and limits; `turn` has its axes in columns."""
         self.images = (self.images[0].from_frame(frame),)
         self.limits, self._turn = limits, turn
 

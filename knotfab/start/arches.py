@@ -68,8 +68,8 @@ class Span:
 class Arches:
     """A depth profile of arches: the spans of each curve, one after the other.
 
-    A curve that lies on the floor has none, and a ring that stands on its edge a single arch. Each curve
-    starts at the share `begins` of what its spans draw; `tops` bounds the peaks, mm.
+    A curve that lies on the floor has none, and a ring that stands on its edge a single arch. `begins`: the
+    share of its spans' length at which each curve starts. `tops` bound the peaks, mm.
     """
 
     spans: tuple[tuple[Span, ...], ...]

@@ -50,7 +50,8 @@ class Doubled:
 
     What lies x mm along it hides the place `other_mm[0] + other_mm[1] * x` of the other curve. `ends` are
     where strands are free to cross, mm along it, or where the stroke's tip is and one strand goes on as the
-    other. There the first foot is `tips` mm further from the tip than necessary; None where there is no tip.
+    other. `tips`: by how many mm the first foot there is further from the tip than it must be; None for a
+    crossing.
     """
 
     curves: tuple[int, int]

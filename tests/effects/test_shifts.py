@@ -229,7 +229,7 @@ def test_loose_pieces_hang_on_the_wall_asked_for_or_left_open(
     scene: Scene, loose: bool, whole: bool
 ) -> None:
     world = World.from_scene(scene)
-    assert (scene.hangs(2), scene.hangs(1)) == (loose, whole)
+    assert (scene.on_wall(2), scene.on_wall(1)) == (loose, whole)
     assert (world.holding(2).turns, world.holding(1).turns) == (not loose, not whole)
     assert not World(turns=False).holding(2).turns
     assert world.turns != whole and world.holding(2).holding(2) == world.holding(2)

@@ -433,7 +433,7 @@ def test_refused_with_the_reason_and_the_remedy(text: str) -> None:
 
 def test_a_plate_settles_how_far_the_wall_is_and_asks_for_a_wall_mount() -> None:
     scene = parse_scene("[piece]\ndepth = 250\n[mount]\nplate = 'outline'")
-    assert scene.mount.asked and scene.hangs(1) and scene.mount.thickness_mm == 1.6
+    assert scene.mount.asked and scene.on_wall(1) and scene.mount.thickness_mm == 1.6
     assert parse_scene("[mount]\nkind = 'wall'").mount.thickness_mm == 3.0
     assert resolve(scene).piece.supports == "none"
     kept = parse_scene("[piece]\nsupports = 'slicer'\n[mount]\nplate = 'outline'")

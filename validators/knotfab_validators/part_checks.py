@@ -344,7 +344,7 @@ def _check_printability(
 
 
 def _turn_upright(scene: Scene | None) -> Array | None:
-    """Return the rotation (3, 3) that puts a stand upright; None if it is printed so."""
+    """Return the rotation (3, 3) that puts a stand upright; None if it is printed upright."""
     if scene is None or scene.pose is None:
         return None
     turn = Y_UP @ np.array(scene.pose.matrix, dtype=np.float64)[:3, :3]

@@ -161,8 +161,7 @@ def cut_edges(start: Array, end: Array, step: float) -> tuple[Ints, Array, Array
     """Cut each edge (n, 3) into equal pieces no longer than `step`.
 
     Returns:
-        The edge of each piece, where on it the piece begins (0 to 1), and the share of it that the piece
-        is.
+        Each piece's edge, and, as shares of that edge, where the piece begins and how long it is.
     """
     pieces = np.maximum(np.ceil(np.linalg.norm(end - start, axis=1) / step), 1).astype(np.int64)
     which, number = number_runs(pieces)

@@ -65,7 +65,7 @@ def colouring_remainder(determinant: int) -> int:
 
 
 class _Wirtinger(tuple[Ints, Ints]):
-    """The constant and linear coefficients (n, n) of the matrix in t."""
+    """A matrix that is linear in t: its constant and its linear coefficients, (n, n) each."""
 
     def __len__(self) -> int:
         return int(self[0].shape[0])

@@ -44,7 +44,7 @@ def reroute(knot: PlanarDiagram, enough: int = 0, seed: int = 0) -> PlanarDiagra
         while here.crossings and walk.left > (STARTS - k) * share:
             if len(best.crossings) <= enough:
                 return best
-            here = walk.shorten(walk.aside(here))
+            here = walk.shorten(walk.reroute(here))
             if len(here.crossings) < len(best.crossings):
                 best = here
     return best
@@ -92,8 +92,8 @@ class _Walk:
                     break
         return knot
 
-    def aside(self, knot: PlanarDiagram) -> PlanarDiagram:
-        """Return the diagram with part of a random run laid along another way that is no longer."""
+    def reroute(self, knot: PlanarDiagram) -> PlanarDiagram:
+        """Lead part of a random run along another way, with no more crossings than before."""
         run = self.chance.choice(list(_longest_runs(knot)))
         begin = self.chance.randrange(len(run.crossings))
         end = self.chance.randrange(begin, len(run.crossings)) + 1

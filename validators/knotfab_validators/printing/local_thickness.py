@@ -296,7 +296,7 @@ def _sample_lattice(
 
 
 def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Array, Ints]:
-    """Keep one sample in each cube of `spacing` for each of six directions of its face."""
+    """Keep one sample in each cube of `spacing` for each of the six sides to which its face may look."""
     normal = normals[face]
     axis = np.abs(normal).argmax(axis=1)
     way = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] > 0)

@@ -197,7 +197,7 @@ class _Rows:
 
     @property
     def text(self) -> list[tuple[Row, list[Change]]]:
-        """Rows of text with the changes inside them."""
+        """The rows of text that have changes inside them, with these."""
         return [(row, inside) for row, inside in self.hit if row.text]
 
     def changes_outside(self, rows: Sequence[tuple[Row, list[Change]]]) -> list[Change]:

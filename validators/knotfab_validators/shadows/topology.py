@@ -103,7 +103,7 @@ def find_changes(shadow: Mask, target: Mask, reach_px: float) -> list[Change]:
 def crop_to_ink(
     shadow: Mask, target: Mask, edge_px: float
 ) -> tuple[Mask, Mask, tuple[int, int]] | None:
-    """Crop both masks to their ink and an edge; also return the corner. None without ink.
+    """Crop both masks to the ink of both and an edge about it; return the corner too. None without ink.
 
     The edge, a little wider than `edge_px`, makes the outside one region and cuts no dilation by as
     much.

@@ -39,7 +39,7 @@ class Thickness:
 
     @property
     def bend_decides(self) -> bool:
-        """True if a bend, rather than two strands, sets the thickness."""
+        """Whether a bend, rather than two strands, sets the thickness."""
         return self.half_dcsd is None or self.min_rad <= self.half_dcsd
 
 
@@ -187,7 +187,7 @@ def check_bend(curves: Curves, min_bend_radius_mm: float | None) -> Check:
 
 
 def check_length(curves: Curves, max_mm: float | None) -> Check:
-    """Check `length`: the centre lines together are at most `max_mm` long; the place is on the longest."""
+    """Check `length`: the centre lines together are at most `max_mm` long. Its place is on the longest."""
     lengths = curves.lengths_mm
     longest = lengths.index(max(lengths))
     (start,) = places([curves.polygons[longest][0]])
