@@ -38,9 +38,6 @@ from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.check import at_most
 from knotfab_validators.shadows.verdict_rules import worst_verdict
 
-# What hands still bend: the straight that pliers hold, mm; the sharpest bend, degrees; and how many bends.
-_HELD_MM, _BENT_DEG, _BENDS = 6.0, 120.0, 100
-
 
 def check_3mf(warnings: list[str]) -> Check:
     """Check `3mf`: what lib3mf's strict reader says of the files for the slicer."""

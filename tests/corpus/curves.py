@@ -204,13 +204,3 @@ def thickness_rows() -> list[ThicknessRow]:
         measured = thickness(tilt(*polygons)).value
         rows.append(ThicknessRow(name, sum(map(len, polygons)), float(exact), measured))
     return rows
-
-
-def torus_curve(p: int, q: int, large: float, small: float) -> Curve:
-    """A curve that goes p times round the long way while it goes q times round the tube of radius `small`."""
-
-    def curve(t: Array) -> Array:
-        away = large + small * np.cos(q * t)
-        return np.stack([away * np.cos(p * t), away * np.sin(p * t), small * np.sin(q * t)], -1)
-
-    return curve

@@ -66,11 +66,6 @@ def bar(style: str, x: float = 30, y: float = 40) -> str:
     return page(f'<rect x="{x}" y="{y}" width="40" height="20" style="{style}"/>')
 
 
-def unscaled(size: str, shape: str) -> str:
-    style = "fill:none;stroke:#000;vector-effect:non-scaling-stroke"
-    return f"<svg {NS} {size}><defs><style>.a{{{style}}}</style></defs>{shape}</svg>"
-
-
 ENTITIES = (
     '<?xml version="1.0" encoding="utf-8"?>\n<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" '
     f'"http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd" [\n<!ENTITY ns "{URI}">'

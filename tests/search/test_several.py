@@ -39,7 +39,6 @@ from knotfab_validators.shadows.view import view_geometry
 
 DISC = MultiPolygon([Point(0, 0).buffer(40.0)])
 SQUARE = MultiPolygon([box(-30, -40, 30, 40)])
-LEGS = MultiPolygon([box(-30, -40, -10, 0).union(box(10, -40, 30, 0)).union(box(-30, -1, 30, 40))])
 QUICK = PRESETS["draft"].model_copy(
     update={"coarse_iterations": 60, "fine_iterations": 40, "settle_iterations": 30}
 )
