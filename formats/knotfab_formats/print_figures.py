@@ -96,19 +96,6 @@ class SetupSteps:
     lamp: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TurnFigures:
-    """One way to lay the piece on the bed, by estimates; `up` is the scene's direction that points up."""
-
-    height_mm: float
-    support_cm3_estimate: float | None = None
-    support_filament_cm3_estimate: float | None = None
-    contact_mm2: float | None = None
-    tips_at_deg: float | None = None
-    cost_minutes: float | None = None
-    up: Extent | None = None
-
-
 @dataclass(frozen=True)
 class Kept:
     """A length before and after a piece was built again, and the one that is proposed."""
@@ -119,15 +106,13 @@ class Kept:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseFigures(TurnFigures):
-    """The pose of the piece, and the poses that it was chosen from."""
+class PoseFigures:
+    """How the piece lies on the bed, and what was changed so that it may."""
 
+    height_mm: float
     chosen_by: str
-    tried: int | None = None
-    too_large: int | None = None
-    within_limits: bool | None = None
-    runners_up: tuple[TurnFigures, ...] | None = None
-    least_height: TurnFigures | None = None
+    support_cm3_estimate: float | None = None
+    support_filament_cm3_estimate: float | None = None
     box_cm3: float | None = None
     shrinkage_percent: float | None = None
     depth_mm: Kept | None = None

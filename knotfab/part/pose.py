@@ -15,8 +15,7 @@ from knotfab.base.errors import SceneError
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import Mesh, box_of
 from knotfab.knots import Knots
-from knotfab.part.orient import AXES, Ranked, keeps_limits, propose_turns, rank_turns, strands_of
-from knotfab_formats.print_figures import PoseFigures, TurnFigures
+from knotfab.part.orient import AXES, Ranked, propose_turns, rank_turns, strands_of
 
 FITS_MM = 1e-6  # a part of exactly the build volume's size fits
 # a share of the size that would fit: a search does not give the same piece again, only smaller
@@ -26,46 +25,18 @@ QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True)
-class PoseAccount:
-    """How a pose was chosen: the `chosen` one of the `tried`, the next best, and the lowest.
-
-    `too_large` of the tried cost less but do not fit the printer. `within` says whether it keeps
-    the printer's limits on overhangs, as far as estimates can say.
-    """
-
-    chosen: Ranked
-    runners_up: tuple[Ranked, ...]
-    least_height: Ranked
-    tried: int
-    too_large: int
-    within: bool
-
-    def figures(self) -> PoseFigures:
-        """Make the pose's entry in the report."""
-        return PoseFigures(
-            **vars(_figures(self.chosen)),
-            chosen_by="supports, height and footprint",
-            tried=self.tried,
-            too_large=self.too_large,
-            within_limits=self.within,
-            runners_up=tuple(_figures(pose) for pose in self.runners_up),
-            least_height=_figures(self.least_height),
-        )
-
-
-@dataclass(frozen=True)
 class PrintPose:
     """The piece on the bed: z up, the least corner of its surface at the origin.
 
     `matrix` (4, 4) takes print coordinates to the scene (`[pose]`), and is rigid unless the
-    material shrinks. `knots` and `tubes` are in print coordinates. There is an `account` if
-    supports were weighed.
+    material shrinks. `knots` and `tubes` are in print coordinates. `weighed` has the estimates
+    where supports were weighed.
     """
 
     matrix: Array
     knots: Knots
     tubes: tuple[Mesh, ...]
-    account: PoseAccount | None = None
+    weighed: Ranked | None = None
 
     @property
     def size_mm(self) -> Array:
@@ -147,40 +118,14 @@ def _choose_weighed(
     `points` are the corners of the hull.
     """
     beside = np.array([2 * rules.margin_mm, 2 * rules.margin_mm, 0.0])
-    fitting, sizes = _find_fitting(points, room - beside, order)
-    if not fitting and rules.margin_mm > 0:
-        fitting, sizes = _find_fitting(points, room, order)
-    if not fitting:
-        raise _explain_too_large(sizes, room, np.full(3, 2 * knots.radius_mm), frame)
-    upright = [p for p in order if any(p.turn is axis for axis in AXES[:3])]
-    lowest = min(upright, key=lambda p: round(p.estimate.height_mm, 6))
-    chosen, turn = fitting[0]
-    skipped = next(number for number, pose in enumerate(order) if pose is chosen)
-    account = PoseAccount(
-        chosen,
-        tuple(pose for pose, _ in fitting[1:]),
-        lowest,
-        len(order),
-        skipped,
-        keeps_limits(chosen.estimate, rules),
-    )
-    return lay_on_bed(knots, tubes, turn, account)
-
-
-def _find_fitting(
-    points: Array, room: Array, order: Sequence[Ranked]
-) -> tuple[list[tuple[Ranked, Array]], list[Array]]:
-    """Find the first poses that fit, with their rotations, and the sizes of those that do not."""
-    fitting: list[tuple[Ranked, Array]] = []
-    sizes: list[Array] = []
-    for pose in order:
-        turn, larger = _find_turn(points, room, (pose.turn,))
-        sizes += larger
-        if turn is not None:
-            fitting.append((pose, turn))
-        if len(fitting) > 3:  # poses that a report names
-            break
-    return fitting, sizes
+    for within in (room - beside, room):
+        sizes: list[Array] = []
+        for pose in order:
+            turn, larger = _find_turn(points, within, (pose.turn,))
+            if turn is not None:
+                return lay_on_bed(knots, tubes, turn, pose)
+            sizes += larger
+    raise _explain_too_large(sizes, room, np.full(3, 2 * knots.radius_mm), frame)
 
 
 def _find_turn(
@@ -199,22 +144,8 @@ def _fits(size: Array, room: Array) -> bool:
     return bool((size <= room + FITS_MM).all())
 
 
-def _figures(pose: Ranked) -> TurnFigures:
-    found = pose.estimate
-    x, y, z = (round(float(x), 4) + 0.0 for x in pose.turn[2])
-    return TurnFigures(
-        support_cm3_estimate=round(found.support_cm3, 2),
-        support_filament_cm3_estimate=round(found.filament_cm3, 2),
-        height_mm=round(found.height_mm, 2),
-        contact_mm2=round(found.contact_mm2, 1),
-        tips_at_deg=round(found.tip_deg, 1),
-        cost_minutes=round(pose.minutes, 1),
-        up=(x, y, z),
-    )
-
-
 def lay_on_bed(
-    knots: Knots, tubes: Sequence[Mesh], turn: Array, account: PoseAccount | None = None
+    knots: Knots, tubes: Sequence[Mesh], turn: Array, weighed: Ranked | None = None
 ) -> PrintPose:
     """Rotate the piece by `turn` (3, 3) from the scene, and move it to the bed's corner."""
     turned = [(vertices @ turn.T, faces) for vertices, faces in tubes]
@@ -224,7 +155,7 @@ def lay_on_bed(
     to_scene[:3, :3], to_scene[:3, 3] = turn.T, turn.T @ corner
     # The meshes move with the knots instead of being swept again: only so is the corner exactly 0.
     posed = tuple((vertices - corner, faces) for vertices, faces in turned)
-    return PrintPose(to_scene, knots.moved(to_print), posed, account)
+    return PrintPose(to_scene, knots.moved(to_print), posed, weighed)
 
 
 def _square_turns(points: Array, sides: Sequence[Array]) -> list[tuple[Array, Array]]:

@@ -14,7 +14,7 @@ from knotfab.hold.beams import Stiffness
 from knotfab.hold.wall import sag_on_pegs
 from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import Part, rules_of
-from knotfab.part.orient import flatter_depth
+from knotfab.part.orient import flatter_depth, keeps_limits
 from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.scene import LIGHT_SHARE, ResolvedView
@@ -48,10 +48,13 @@ def propose_place_for(request: Request, made: Design) -> Place | None:
 
 
 def propose_depth(made: Design, part: Part) -> float | None:
-    account = part.pose.account
-    if account is None or account.within or made.scene.piece.depth == 0:
+    weighed = part.pose.weighed
+    if weighed is None or made.scene.piece.depth == 0:
         return None
-    return flatter_depth(made.knots, depth_mm(made), rules_of(made.scene))
+    rules = rules_of(made.scene)
+    if keeps_limits(weighed.estimate, rules):
+        return None
+    return flatter_depth(made.knots, depth_mm(made), rules)
 
 
 def depth_mm(made: Design) -> float:

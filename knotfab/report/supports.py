@@ -55,15 +55,22 @@ def report_posing(
 
 def _pose_figures(part: Part, flattening: Flattening | None) -> PoseFigures:
     """Report how the piece lies and why, and its depth before it was made flatter."""
-    account, powder = part.pose.account, part.mounted.scene.printer.process == "powder"
-    if account is not None:
-        pose = account.figures()
+    weighed, box = part.pose.weighed, part.pose.size_mm
+    if weighed is not None:
+        found = weighed.estimate
+        pose = PoseFigures(
+            chosen_by="supports, height and footprint",
+            height_mm=round(found.height_mm, 2),
+            support_cm3_estimate=round(found.support_cm3, 2),
+            support_filament_cm3_estimate=round(found.filament_cm3, 2),
+        )
     else:
+        powder = part.mounted.scene.printer.process == "powder"
         by = "the volume of its box" if powder else "least height"
         pose = PoseFigures(
             chosen_by="the mount" if part.mounted.upright is not None else by,
-            height_mm=round(float(part.pose.size_mm[2]), 2),
-            box_cm3=round(float(part.pose.size_mm.prod()) / 1000, 1),
+            height_mm=round(float(box[2]), 2),
+            box_cm3=round(float(box.prod()) / 1000, 1),
         )
     depth = distance = None
     if flattening is not None:

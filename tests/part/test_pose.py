@@ -150,7 +150,7 @@ def test_in_powder_the_smallest_box_is_taken() -> None:
     rules = Rules(supports=False, powder=True)
     for room in ((250.0, 210.0, 220.0), (90.0, 130.0, 40.0), (40.0, 90.0, 130.0)):
         pose = choose_pose(Knots((Knot(askew),), 2.0), tube, room, FRAME, rules=rules)
-        assert pose.account is None
+        assert pose.weighed is None
         assert (pose.size_mm <= np.array(room) + 1e-6).all()
         assert pose.size_mm.prod() < 1.03 * (124.0 * 84.0 * 28.0)
     with pytest.raises(SceneError, match="holds 60"):

@@ -94,7 +94,7 @@ class Maker:
         sag = self.sags[made.number] if thoroughly and self.sags else 0.2
         limit = SimpleNamespace(mount=SimpleNamespace(max_sag_mm=0.2))
         mounted = SimpleNamespace(wall=SimpleNamespace(sag_mm=sag), scene=limit)
-        return SimpleNamespace(pose=SimpleNamespace(account=None), mounted=mounted)
+        return SimpleNamespace(pose=SimpleNamespace(weighed=None), mounted=mounted)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ BOX = (np.array([[0.0, 0, 0], [10, 20, 30]]), np.zeros((0, 3), dtype=np.int32))
 
 
 def part(upright: object = None, scene: str = "") -> Any:
-    pose = SimpleNamespace(account=None, size_mm=np.array([10.0, 20.0, 30.0]))
+    pose = SimpleNamespace(weighed=None, size_mm=np.array([10.0, 20.0, 30.0]))
     mounted = SimpleNamespace(
         wall=None, stand=None, upright=upright, scene=resolve(parse_scene(scene))
     )
