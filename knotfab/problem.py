@@ -17,6 +17,7 @@ from knotfab.render.image import ViewImage, image_at
 from knotfab.scene.camera import view_axes, walls_of
 from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import Precision, Renderer
+from knotfab_formats.slicer_ini import stiffness_share
 from knotfab_formats.views import Switch
 
 Report = Callable[[float, float | None], None]  # (fraction done, IoU)
@@ -99,6 +100,10 @@ class Problem:
         # with one view the region ends before the wall
         walls = walls_of([v.view for v in self.views]) if len(self.views) > 1 else ()
         return Limits(radius, self.clearance, bend, self.length, self.region, walls)
+
+    def leg_modulus_mpa(self, radius: float) -> float:
+        """Return the modulus that a full leg of this radius would need to be as stiff as the printed one."""
+        return self.young_modulus_mpa * stiffness_share(self.world.printer, radius)
 
     @property
     def polygons(self) -> list[MultiPolygon]:

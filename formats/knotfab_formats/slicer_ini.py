@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from math import ceil
+from collections.abc import Mapping
+from math import ceil, inf, pi, radians, sin
+from typing import NamedTuple
 
 from knotfab_formats.piece import Material, Mount, Printer
 
 PROFILE = "slicer.ini"
 STYLES = "organic", "snug"  # of supports: branches, where the slicer can grow them
-INFILL_PERCENT = 15  # share of the inner space
+INFILL_PERCENT = 10  # share of the inner space
+# A tube prints as a wall, this share of its radius thick, about a sparse core: .85 of a solid one's stiffness
+# about the weaker axis, where it is sliced aslant at `FLANK_DEG` (docs/prints.md)
+WALL_SHARE = 0.48
+FLANK_DEG = 46.0  # of the flattest flanks of arches, from the bed
+LEVEL_SHARE = 0.6  # share of the wall that layers close where a tube is level
+MOST_WIDTH_NOZZLES = 1.625  # width of an inner loop
+USUAL_LAYERS = 3  # that PrusaSlicer prints solid at a top and a bottom
+# what it fills of its own accord: sections smaller than these mm²; profiles before 2.0 left it so
+USUAL_FILLED_MM2 = 70.0
 BRIM_MM = 3.0
 RETRACT_MM, LIFT_MM = 0.8, 0.2  # filament drawn back, and the nozzle's lift, before a travel
 SUPPORT_LINE_NOZZLES = 0.9
@@ -42,13 +53,83 @@ def change_above(layers: int) -> str:
     return f"G92 E0\\n{{if layer_num == {layers}}}M600{{endif}}"
 
 
-def count_walls(printer: Printer, tube_radius_mm: float | None) -> int:
-    """Return how many loops fill a tube of this radius, the printer's thinnest if it is open.
+class Walls(NamedTuple):
+    """Loops about a tube's sparse core, the inner ones `width_mm` wide, and layers above and below it."""
 
-    Nothing is left for infill or gaps, which would each begin anew: a leg takes one start a layer.
+    loops: int
+    width_mm: float
+    layers: int
+
+
+def plan_walls(printer: Printer, tube_radius_mm: float | None) -> Walls:
+    """Choose the fewest loops that make a tube's wall, the printer's thinnest tube's if the radius is open.
+
+    The outermost keeps the usual width, which is the most exact.
     """
+    outer, layer = line_width_mm(printer.nozzle_mm), printer.layer_height_mm
+    wall = WALL_SHARE * (tube_radius_mm or printer.min_tube_radius_mm)
+    overlap = _overlap_mm(layer)
+    widest = max(MOST_WIDTH_NOZZLES * printer.nozzle_mm, outer)
+    loops = 1 + max(1, ceil((wall - outer) / (widest - overlap) - 1e-9))
+    width = max(outer, round((wall - outer) / (loops - 1) + overlap, 3))
+    layers = max(USUAL_LAYERS, ceil(LEVEL_SHARE * wall / layer - 1e-9))
+    return Walls(loops, width, layers)
+
+
+# what profiles lacked when loops and the slicer filled every tube
+FULL = (
+    "perimeter_extrusion_width",
+    "top_solid_layers",
+    "bottom_solid_layers",
+    "solid_infill_below_area",
+    "only_retract_when_crossing_perimeters",
+)
+
+
+def count_full_loops(printer: Printer, tube_radius_mm: float | None) -> int:
+    """Return how many loops fill a tube of this radius, as they did in earlier profiles."""
     radius = tube_radius_mm or printer.min_tube_radius_mm
     return max(2, ceil(radius / line_width_mm(printer.nozzle_mm)) + 1)
+
+
+def _overlap_mm(layer_mm: float) -> float:
+    """Return by how much PrusaSlicer lets lines overlap, for their sides are round."""
+    return layer_mm * (1 - pi / 4)
+
+
+def planned_wall_mm(printer: Printer, tube_radius_mm: float | None) -> float:
+    """Return the thickness in a layer of the wall that `plan_walls` makes."""
+    walls, layer = plan_walls(printer, tube_radius_mm), printer.layer_height_mm
+    outer = line_width_mm(printer.nozzle_mm)
+    return outer + (walls.loops - 1) * (walls.width_mm - _overlap_mm(layer))
+
+
+def written_wall_mm(settings: Mapping[str, str]) -> float:
+    """Return the thickness in a layer of the wall that a profile prints about a core; inf: there is no core.
+
+    Raises:
+        ValueError: a setting is missing, or no number.
+    """
+    try:
+        if float(settings.get("solid_infill_below_area", USUAL_FILLED_MM2)) > 0:
+            return inf
+        outer, loops = float(settings["extrusion_width"]), int(settings["perimeters"])
+        inner = float(settings.get("perimeter_extrusion_width", outer))
+        overlap = _overlap_mm(float(settings["layer_height"]))
+    except KeyError as error:
+        raise ValueError(f"{error} is missing") from error
+    return outer + (loops - 1) * (inner - overlap) if loops > 0 else 0.0
+
+
+def stiffness_share(printer: Printer, tube_radius_mm: float) -> float:
+    """Return a printed tube's bending stiffness over a full one's: on a flank, about the weaker axis.
+
+    A layer cuts a tube aslant, and there the wall is as thick all around: measured across the tube it is
+    thinner above and below the core.
+    """
+    wall = planned_wall_mm(printer, tube_radius_mm) / tube_radius_mm
+    beside, above = max(1 - wall, 0.0), max(1 - wall * sin(radians(FLANK_DEG)), 0.0)
+    return 1 - beside * above**3
 
 
 def imply_settings(
@@ -70,6 +151,7 @@ def imply_settings(
     """
     across, deep, high = printer.build_volume_mm
     layer, width = printer.layer_height_mm, line_width_mm(printer.nozzle_mm)
+    walls = plan_walls(printer, tube_radius_mm)
     nozzle_c, bed_c = FILAMENTS.get(material.name, FILAMENTS["pla"])
     # A slope's angle from the level below which it is supported, where ours is from the vertical;
     # 0 would leave the choice to the slicer.
@@ -92,8 +174,12 @@ def imply_settings(
         "first_layer_height": f"{layer:g}",
         "extrusion_width": f"{width:g}",
         "first_layer_extrusion_width": f"{width:g}",
-        "perimeters": count_walls(printer, tube_radius_mm),
+        "perimeter_extrusion_width": f"{walls.width_mm:g}",
+        "perimeters": walls.loops,
+        "top_solid_layers": walls.layers,
+        "bottom_solid_layers": walls.layers,
         "fill_density": f"{INFILL_PERCENT}%",
+        "solid_infill_below_area": 0,  # else it fills every tube
         "skirts": 0,
         "brim_type": "outer_only" if brim else "no_brim",
         "brim_width": BRIM_MM if brim else 0,
@@ -111,12 +197,13 @@ def imply_settings(
         "thick_bridges": 0,
         "gap_fill_enabled": 0,
         # Beside free legs: the nozzle wipes and is lifted before it leaves one, begins the next where it
-        # is nearest, and stays within the legs where it can.
+        # is nearest, and stays within the legs where it can; what oozes there nobody sees.
         "wipe": 1,
         "retract_length": RETRACT_MM,
         "retract_lift": LIFT_MM,
         "seam_position": "nearest",
         "avoid_crossing_perimeters": 1,
+        "only_retract_when_crossing_perimeters": 1,
         # Without the variable widths of Arachne it slices in half the time, to the same amount of
         # filament: a tube is several lines thick everywhere.
         "perimeter_generator": "classic",

@@ -308,7 +308,7 @@ def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -
 
     found = [knot.points @ target.axes.T for knot in result.knots.knots]
     legs = find_legs(found)
-    _, lacking = plan_bars(legs, radius, problem.young_modulus_mpa, hidden)
+    _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), hidden)
     begun = [curve @ target.axes.T for curve in start.curves]
     curves = list(begun)
     floor = min(float(curve[:, 2].min()) for curve in curves)

@@ -20,6 +20,7 @@ from knotfab.hold.space_frame import (
 from knotfab.hold.struts import GROUND, Candidates, Sites, sites_of
 from knotfab.knots import Knots
 from knotfab_formats.scene import SettledScene
+from knotfab_formats.slicer_ini import planned_wall_mm
 
 JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
 PIECES = 4  # pieces of a tapering member, each taken as round
@@ -29,11 +30,12 @@ DOWN = np.array([0.0, -1.0, 0.0])
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The piece's material, and how far it may sag: MPa, g/cm³, mm."""
+    """The piece's material, how far it may sag, and the wall that it is printed with: MPa, g/cm³, mm."""
 
     young_mpa: float
     density_g_cm3: float
     max_sag_mm: float
+    wall_mm: float = np.inf  # no core
 
     @classmethod
     def from_scene(cls, scene: SettledScene, knots: Knots) -> Stiffness:
@@ -42,7 +44,10 @@ class Stiffness:
         if most is None:
             points = np.concatenate([knot.points for knot in knots.knots])
             most = allow_sag_mm(scene.views, points, knots.radius_mm)
-        return cls(material.young_modulus_mpa, material.density_g_cm3, most)
+        wall = np.inf
+        if {scene.printer.process, material.process} == {"filament"}:
+            wall = planned_wall_mm(scene.printer, knots.radius_mm)
+        return cls(material.young_modulus_mpa, material.density_g_cm3, most, wall)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +69,7 @@ def taper(top: Array, foot: Array, pieces: int = PIECES) -> Array:
 
 
 def piece_beams(
-    radius_mm: float, sites: Sites, members: Candidates, pieces: int = 1
+    radius_mm: float, sites: Sites, members: Candidates, pieces: int = 1, wall_mm: float = np.inf
 ) -> tuple[Beams, Indices]:
     """Return the beams of tubes and members, and the joints that the ground (desk or wall) holds.
 
@@ -93,6 +98,7 @@ def piece_beams(
         np.concatenate(
             [np.full(n, radius_mm), taper(members.radius, members.foot_radius, pieces).ravel()]
         ),
+        wall_mm,
     )
     return beams, feet
 
@@ -102,7 +108,7 @@ def piece_frame(
 ) -> SpaceFrame:
     """Assemble the frame of a piece with joints at the sites and along members that taper."""
     pieces = 1 if members.end_radius is None else PIECES
-    beams, fixed = piece_beams(knots.radius_mm, sites, members, pieces)
+    beams, fixed = piece_beams(knots.radius_mm, sites, members, pieces, stiffness.wall_mm)
     return assemble_frame(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
 
 
@@ -133,7 +139,7 @@ def sag_moves(
     place = np.searchsorted(fine.knot * most + fine.vertex, sites.knot * most + sites.vertex)
     there = np.append(place, GROUND)  # the last of them stands for the ground
     moved = replace(members, first=there[members.first], second=there[members.second])
-    beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES)
+    beams, fixed = piece_beams(knots.radius_mm, fine, moved, PIECES, stiffness.wall_mm)
     held = None
     if hold is not None:
         beams, held = hold(beams, fixed)
@@ -199,7 +205,8 @@ def _of_bars(some: Candidates, stiffness: Stiffness) -> tuple[Array, Array]:
     joints = some.start[:, None] + share * (some.end - some.start)[:, None]
     first = (np.arange(m)[:, None] * (pieces + 1) + np.arange(pieces)).ravel()
     radius = taper(some.radius, some.foot_radius, pieces).ravel()
-    beams = round_beams(joints.reshape(-1, 3), np.column_stack([first, first + 1]), radius)
+    ends = np.column_stack([first, first + 1])
+    beams = round_beams(joints.reshape(-1, 3), ends, radius, stiffness.wall_mm)
     stiff = stiffness_of(beams, stiffness.young_mpa).reshape(m, pieces, 12, 12)
     weight = loads_of(beams, stiffness.density_g_cm3, DOWN).reshape(m, pieces, 12)
     springs, loads = np.zeros((m, every, every)), np.zeros((m, every))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
+from knotfab_formats.slicer_ini import FLANK_DEG
 
 GRAVITY_M_S2 = 9.81
 POISSON = 0.35  # Poisson's ratio of filament plastics; it enters through the twist alone
@@ -30,10 +31,15 @@ class Beams:
     twist: Array
 
 
-def round_beams(joints: Array, ends: Indices, radius: Array) -> Beams:
-    """Make beams of round section, `radius` (m,) mm."""
-    area = np.pi * radius**2
-    return Beams(joints, ends, area, np.pi / 4 * radius**4, np.pi / 2 * radius**4)
+def round_beams(joints: Array, ends: Indices, radius: Array, wall_mm: float = np.inf) -> Beams:
+    """Make beams of round section, `radius` (m,) mm, as stiff as a flank with such a wall about a core.
+
+    Each counts as stiff as about its weaker axis, and as heavy as an upright one (`stiffness_share`).
+    """
+    beside = np.maximum(radius - wall_mm, 0.0)
+    above = np.maximum(radius - wall_mm * np.sin(np.radians(FLANK_DEG)), 0.0)
+    inertia = np.pi / 4 * (radius**4 - beside * above**3)
+    return Beams(joints, ends, np.pi * (radius**2 - beside**2), inertia, 2 * inertia)
 
 
 @dataclass(frozen=True)

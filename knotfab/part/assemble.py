@@ -23,7 +23,7 @@ from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.picture.read import Target
 from knotfab.scene.camera import Camera, cameras_of, view_axes
 from knotfab_formats.scene import ResolvedScene
-from knotfab_formats.slicer_ini import SUPPORT_LINE_NOZZLES
+from knotfab_formats.slicer_ini import SUPPORT_LINE_NOZZLES, stiffness_share
 from knotfab_formats.upright import MOST_BRIDGE_MM
 
 BESIDE_MM = 5.0  # a slicer's supports reach out of a piece's outline by at most this
@@ -100,7 +100,7 @@ def part_of(
         standing = None
         if scene.piece.supports == "none" and printing:
             hidden = _hide_behind(masks[0], cameras[0], pose.matrix)
-            modulus = scene.material.young_modulus_mpa
+            modulus = scene.material.young_modulus_mpa * stiffness_share(scene.printer, radius)
             in_plate = mounted.scene.mount.on_feet
             pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]

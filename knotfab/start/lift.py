@@ -74,7 +74,7 @@ def lift_template(
         steadying,
         _FLAT_RADII * radius,
         separation if parted and lanes is None else None,
-        problem.young_modulus_mpa if problem.arched else None,
+        problem.leg_modulus_mpa(radius) if problem.arched else None,
     )
     if flat:
         depth = replace(depth, extent_mm=None)

@@ -41,7 +41,9 @@ def ask(
 ) -> Start | None:
     view = SimpleNamespace(light_distance_mm=LIGHT)
     target = SimpleNamespace(view=view, axes=np.eye(3), polygon=Point(0, 0).buffer(150))
-    problem: Any = SimpleNamespace(arched=arched, views=(target,), young_modulus_mpa=PLA)
+    problem: Any = SimpleNamespace(
+        arched=arched, views=(target,), leg_modulus_mpa=lambda radius: PLA
+    )
     result: Any = SimpleNamespace(knots=SimpleNamespace(knots=[Knot(curve)], radius_mm=RADIUS))
     start = Start((curve if begun is None else begun,), "a circle", types)
     return start_with_more_legs(problem, result, start)

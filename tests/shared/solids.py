@@ -198,8 +198,8 @@ def on_plate(void: bool = False) -> Part:
     return Part(mesh, part.curves)
 
 
-def judge(mesh: Mesh) -> dict[str, Check]:
-    return {c.name: c for c in check_upright(Upright(mesh, PLA), LAYER)}
+def judge(mesh: Mesh, wall_mm: float = np.inf) -> dict[str, Check]:
+    return {c.name: c for c in check_upright(Upright(mesh, PLA, wall_mm), LAYER)}
 
 
 def failed(mesh: Mesh) -> set[str]:

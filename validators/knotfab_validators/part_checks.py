@@ -45,13 +45,15 @@ def part_checks(
     seconds: dict[str, float],
     skip: Collection[str] = (),
     printed: Mesh | None = None,
+    wall_mm: float = np.inf,
 ) -> list[Check]:
     """Make all checks but the shadow's: mesh, tube, curves, knot type, region and printer.
 
     The thickness must reach the tube's radius plus, if there is a scene, half its clearance;
     without a known radius it is only measured. Checks whose file is not given are skipped, and say
     so. A group that `skip` names entirely is not measured, except that printability needs the
-    surface. `printed` is the part before it shrinks, if it does. The seconds of each group
+    surface. `printed` is the part before it shrinks, if it does; `wall_mm` how
+    thick a tube's wall prints, inf if it prints full. The seconds of each group
     are added to `seconds`.
 
     A part without knots is searched for its centre lines (`centre_line`). Thickness, knot type and
@@ -63,7 +65,7 @@ def part_checks(
     checks = _check_lines(mesh, curves, scene, seconds, skip)
     checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
     checks += _leave_out(["mount"], skip) or [_check_mount(mesh, curves, scene, seconds)]
-    checks += _check_surface(mesh, curves, scene, seconds, skip, whole)
+    checks += _check_surface(mesh, curves, scene, seconds, skip, whole, wall_mm)
     if scene is None or not _is_upright(scene) or set(UPRIGHT) <= set(skip):
         return checks
     with time_stage(seconds, "upright"):
@@ -104,6 +106,7 @@ def _check_surface(
     seconds: dict[str, float],
     skip: Collection[str],
     printed: Mesh | None,
+    wall_mm: float,
 ) -> list[Check]:
     """Check the surface, the region and the printability."""
     left = _leave_out(PRINTING, skip)
@@ -119,7 +122,7 @@ def _check_surface(
             pose = None if scene.pose is None else scene.pose.matrix
             checks.append(check_region(scene.region, pose, curves, mesh, scene.surface))
             checks.append(_check_build_volume(printed, scene))
-    return checks + (left or _check_printability(printed, curves, scene, checks, seconds))
+    return checks + (left or _check_printability(printed, curves, scene, checks, seconds, wall_mm))
 
 
 def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
@@ -314,6 +317,7 @@ def _check_printability(
     scene: Scene | None,
     before: Sequence[Check],
     seconds: dict[str, float],
+    wall_mm: float,
 ) -> list[Check]:
     """Check printability if the surface is sound enough for it to mean something."""
     if mesh is None:
@@ -329,7 +333,7 @@ def _check_printability(
         proud = partial(measure_proud, mesh, curves.scaled(as_printed))
     upright = None
     if scene is not None and _is_upright(scene):
-        upright = Upright(mesh, scene.material.young_modulus_mpa)
+        upright = Upright(mesh, scene.material.young_modulus_mpa, wall_mm)
         mesh = part_bars(mesh).strands
     return printability_checks(
         mesh,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from math import inf
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -149,7 +150,7 @@ def measure_piece(
         skip = {*skip, *PRINTER}
     if only != "shadows":
         measured = mesh, piece.curves, setting, seconds, skip, piece.printed
-        checks += part_checks(*measured)
+        checks += part_checks(*measured, _read_wall(piece))
         checks += _check_beside(piece, skip, seconds)
         checks += _check_table(piece, skip, seconds)
     if only != "geometry":
@@ -220,6 +221,15 @@ def _check_beside(piece: Piece, skip: Collection[str], seconds: dict[str, float]
 
             found[1] = check_slicer_ini(scene, part.parent, is_own(part))
     return found
+
+
+def _read_wall(piece: Piece) -> float:
+    """Return how thick a tube's wall prints; inf where nothing says so."""
+    if piece.setting is None or piece.part is None:
+        return inf
+    from knotfab_validators.printing.slicer_ini import read_wall_mm
+
+    return read_wall_mm(piece.setting, piece.part.parent, is_own(piece.part))
 
 
 def _check_table(piece: Piece, skip: Collection[str], seconds: dict[str, float]) -> list[Check]:

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from knotfab.part.slicer_profile import write_profile
 from knotfab.scene.catalogue import resolve
+from knotfab_formats.piece import Printer
 from knotfab_formats.scene import Scene
+from knotfab_formats.slicer_ini import (
+    FLANK_DEG,
+    FULL,
+    planned_wall_mm,
+    stiffness_share,
+    written_wall_mm,
+)
 from knotfab_validators.files.scene import parse_scene
-from knotfab_validators.printing.slicer_ini import check_slicer_ini
+from knotfab_validators.printing.slicer_ini import check_slicer_ini, read_wall_mm
 
 SCENES: dict[str, dict[str, object]] = {
     "bare": {},
@@ -54,9 +64,11 @@ EDITS = {
         "thumbnails = \nraft_layers = 3",
         "raft_layers = 3 is none of",
     ),
-    "twice": ("perimeters = 3", "perimeters = 3\nperimeters = 3", "perimeters = 3 is none of"),
-    "no key": ("perimeters = 3", "", "perimeters is missing"),
-    "no setting": ("perimeters = 3", "perimeters = 3\n[other]", "[other] is none of"),
+    "twice": ("perimeters = 2", "perimeters = 2\nperimeters = 2", "perimeters = 2 is none of"),
+    "one loop": ("perimeters = 2", "perimeters = 1", "perimeters is 1, and by the scene 2"),
+    "no key": ("perimeters = 2", "", "perimeters is missing"),
+    "a full tube's": ("perimeter_extrusion_width = 0.45", "", "top_solid_layers = 3 is none of"),
+    "no setting": ("perimeters = 2", "perimeters = 2\n[other]", "[other] is none of"),
 }
 
 
@@ -95,11 +107,66 @@ def test_each_setting_that_differs_is_told(case: str, tmp_path: Path) -> None:
     assert found.status == "fail" and found.required and said in found.detail, found.detail
 
 
-def test_loops_fill_a_tube_so_that_nothing_else_begins_in_it(tmp_path: Path) -> None:
-    for radius, nozzle in ((3.0, 0.4), (1.66, 0.4), (3.0, 0.6)):
-        printer = {"nozzle_mm": nozzle, "min_tube_radius_mm": 0.8}
-        _, file = write(tmp_path, piece={"tube_radius_mm": radius}, printer=printer)
-        loops = int(
-            next(line for line in file.read_text().splitlines() if "perimeters = " in line)[-1]
-        )
-        assert radius <= loops * 1.125 * nozzle < radius + 2.25 * nozzle
+# radius and nozzle, and the loops and the width of the inner ones
+WALLS = {
+    "a common tube": (1.66, 0.4, 2, 0.45),
+    "as wide as loops get": (2.19, 0.4, 2, 0.644),
+    "a loop more": (2.3, 0.4, 3, 0.45),
+    "a thick tube": (5.0, 0.4, 5, 0.53),
+    "a wide nozzle": (3.0, 0.6, 2, 0.808),
+    "all wall": (0.8, 0.4, 2, 0.45),
+}
+
+
+@pytest.mark.parametrize("case", WALLS)
+def test_loops_leave_a_core_that_costs_little_stiffness(case: str, tmp_path: Path) -> None:
+    radius, nozzle, loops, width = WALLS[case]
+    printer = {"nozzle_mm": nozzle, "min_tube_radius_mm": 0.8, "name": "prusa-mk4"}
+    scene, file = write(tmp_path, piece={"tube_radius_mm": radius}, printer=printer)
+    found = dict(line.split(" = ") for line in file.read_text().splitlines() if " = " in line)
+    assert int(found["perimeters"]) == loops
+    assert float(found["perimeter_extrusion_width"]) == pytest.approx(width, abs=0.002)
+    wall = written_wall_mm(found)
+    own: Printer = scene.printer  # type: ignore[attr-defined]
+    assert wall == pytest.approx(planned_wall_mm(own, radius), abs=1e-3)
+    assert read_wall_mm(scene, tmp_path, own=True) == wall  # type: ignore[arg-type]
+    # what it says of a section, summed over a grid: about the weaker axis, on a flank
+    x, y = np.meshgrid(*2 * [np.linspace(-radius, radius, 801)])
+    core = (x / max(radius - wall, 1e-9)) ** 2
+    core += (y / max(radius - wall * np.sin(np.radians(FLANK_DEG)), 1e-9)) ** 2
+    full = x**2 + y**2 <= radius**2
+    share = (y**2)[full & (core > 1)].sum() / (y**2)[full].sum()
+    assert stiffness_share(own, radius) == pytest.approx(share, abs=0.005)
+    assert share >= 0.85
+
+
+# how the profile beside a part was edited, and the wall that is reckoned with, mm
+READ = {
+    "one loop": ("perimeters = 2", "perimeters = 1", 0.45),
+    "no loop": ("perimeters = 2", "perimeters = 0", 0.0),
+    "full": ("solid_infill_below_area = 0", "", inf),
+    "no number": ("perimeters = 2", "perimeters = many", 0.0),
+    "no width": ("extrusion_width = 0.45", "", 0.0),
+}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_walls_are_read_from_the_profile_beside_the_part(case: str, tmp_path: Path) -> None:
+    old, new, wall = READ[case]
+    scene, file = write(tmp_path)
+    lines = file.read_text().splitlines()
+    assert old in lines
+    file.write_text("\n".join(new if line == old else line for line in lines))
+    assert read_wall_mm(scene, tmp_path, own=True) == pytest.approx(wall)  # type: ignore[arg-type]
+    assert read_wall_mm(scene, tmp_path, own=False) > 0.8  # type: ignore[arg-type]
+
+
+def test_a_profile_by_which_tubes_print_full_is_still_the_scenes(tmp_path: Path) -> None:
+    scene, file = write(tmp_path, piece={"tube_radius_mm": 2.0})
+    lines = [line for line in file.read_text().splitlines() if not line.startswith(FULL)]
+    text = "\n".join(lines).replace("perimeters = 2", "perimeters = 6")
+    file.write_text(text.replace("fill_density = 10%", "fill_density = 15%"))
+    assert check_slicer_ini(scene, tmp_path, own=True).status == "pass"  # type: ignore[arg-type]
+    assert read_wall_mm(scene, tmp_path, own=True) == inf  # type: ignore[arg-type]
+    file.write_text(text.replace("fill_density = 10%", "fill_density = 12%"))
+    assert check_slicer_ini(scene, tmp_path, own=True).status == "fail"  # type: ignore[arg-type]

@@ -42,13 +42,15 @@ class Growth:
     top: Mask
 
 
-def follow_growth(cut: Slices) -> Growth:
+def follow_growth(cut: Slices, wall_mm: float = np.inf) -> Growth:
     """Follow each piece of each layer down to what it stands on.
 
     A leg is a cantilever from the bed with the sections that it has. Its end moves by the sum of (L
     - s)² ds / E I(s), with I = A² / 4 pi of a round section of the same area: L³ / 3 E I if it is
-    even. Where two pieces that reach the bed grow together, as at the peak of an arch or at a bar,
-    they brace each other, and what goes on from there starts afresh.
+    even. What loops leave empty is taken off, about the weaker axis: their wall, `wall_mm` thick in every
+    layer, is thinner across a leg that leans, on the sides to which it leans. Where two pieces that
+    reach the bed grow together, as at the peak of an arch or at a bar, they brace each other, and what goes
+    on from there starts afresh.
     """
     area, flat = measure_pieces(cut)
     pieces = len(area)
@@ -59,7 +61,7 @@ def follow_growth(cut: Slices) -> Growth:
     below = np.ascontiguousarray(pairs[:, 1])
     split = np.bincount(below, minlength=pieces)
     held, start, free, limp, top, square = _grow(
-        cut.floor, area, flat, bound_pieces(cut), begin, below, split, cut.layer, cut.row
+        cut.floor, area, flat, bound_pieces(cut), begin, below, split, cut.layer, cut.row, wall_mm
     )
     largest = np.zeros(pieces)
     np.maximum.at(largest, start[~held], area[~held])
@@ -80,6 +82,7 @@ def _grow(
     split: Ints,
     layer: float,
     row: float,
+    wall: float,
 ) -> tuple[Mask, Ints, Array, Array, Mask, Array]:
     pieces = len(area)
     held, top = np.zeros(pieces, dtype=np.bool_), np.ones(pieces, dtype=np.bool_)
@@ -103,7 +106,9 @@ def _grow(
             step = np.hypot(step, _moved(middle, box, n, leg, 0, row))
             step = np.hypot(step, _moved(middle, box, n, leg, 1, row))
         square[n] = area[n] * layer / step
-        s, soft = free[leg] + step / 2, step * 4 * np.pi / square[n] ** 2
+        around = np.sqrt(square[n] / np.pi)  # the radius of a round leg
+        beside, above = max(around - wall, 0.0), max(around - wall * layer / step, 0.0)
+        s, soft = free[leg] + step / 2, 4 * step / np.pi / max(around**4 - beside * above**3, 1e-12)
         sums[n, 0] = sums[leg, 0] + soft
         sums[n, 1] = sums[leg, 1] + soft * s
         sums[n, 2] = sums[leg, 2] + soft * s * s

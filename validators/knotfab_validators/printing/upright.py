@@ -32,10 +32,11 @@ ROUNDED_MM = MOST_BRIDGE_MM / 2 * float(np.tan(np.radians(LEAST_FLANK_DEG)))
 
 @dataclass(frozen=True)
 class Upright:
-    """A part as it prints without supports: its closed mesh with bars (z up), and its stiffness."""
+    """A part as it prints without supports: its closed mesh with bars (z up), and what it is made of."""
 
     mesh: Mesh
     young_modulus_mpa: float
+    wall_mm: float = np.inf  # thickness in a layer of the loops about an empty core; inf: no core
 
 
 def check_upright(part: Upright, layer_mm: float) -> list[Check]:
@@ -59,7 +60,7 @@ def check_upright(part: Upright, layer_mm: float) -> list[Check]:
     if not (cut.floor == 0).any():
         why = f"no line of the first layer, {layer_mm:g} mm high, would be printed"
         return [skip_check(name, why, required=True) for name in (*OVERHANGING, *GROWN)]
-    grown = follow_growth(cut)
+    grown = follow_growth(cut, part.wall_mm)
     air = find_over_air(cut, grown.held)
     return [
         _check_overhang(mesh, cut),
@@ -158,13 +159,14 @@ def _check_legs(grown: Growth, modulus: float) -> Check:
     limp = grown.limp[ends] / modulus
     order = worst_apart(limp, grown.middle[ends], 0.0, 1 / LEAST_STIFFNESS_N_MM)
     worst = ends[order[0]]
-    # the radius of a round leg that would deflect as much
+    # the radius of a full round leg that would deflect as much
     radius = float(4 * grown.free[worst] ** 3 / (3 * np.pi * grown.limp[worst])) ** 0.25
     most = longest_free_leg_mm(radius, modulus)
     weak = int((limp * LEAST_STIFFNESS_N_MM > 1).sum())
     detail = (
         f"least stiffness of a leg's end while it prints, at {spot(grown.middle[worst])}: "
-        f"{grown.free[worst]:.1f} mm stand free, and of radius {radius:.2f} mm {most:.1f} mm may; "
+        f"{grown.free[worst]:.1f} mm stand free, and of a full leg of radius {radius:.2f} mm "
+        f"{most:.1f} mm may; "
         f"{weak} of {len(ends)} are longer than they may"
     )
     at = grown.middle[ends[order]]
