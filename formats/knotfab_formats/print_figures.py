@@ -27,7 +27,6 @@ class MountFigures:
     pegs: int | None = None
     posts: int | None = None
     struts: int | None = None
-    pegs_of_knots: tuple[int, ...] | None = None
     knots_joined: tuple[tuple[int, int], ...] | None = None
     peg_length_mm: Range | None = None
     peg_diameter_mm: float | None = None
@@ -35,7 +34,6 @@ class MountFigures:
     members_of_knots: tuple[int, ...] | None = None
     member_diameter_mm: Range | None = None
     base_mm: Extent | None = None
-    base_back_mm: float | None = None
     margin_mm: float | None = None
     tip_deg: float | None = None
     thread_mm: Extent | None = None

@@ -150,7 +150,6 @@ class Motion:
     """The motion of vertices from one frame to the next, and its bound."""
 
     largest_mm: float
-    mean_mm: float
     outline_mm: float
     limit_mm: float
     held: bool
@@ -162,7 +161,6 @@ class SequenceFigures:
 
     frames: int
     closing: Motion
-    verification_s: float
     loop: bool
 
 

@@ -142,12 +142,9 @@ class Misplacement:
     lamp_iou: dict[str, Move]
     worst: WorstMove | None
     samples: int
-    lamp_iou_per_mm: dict[str, float]
     turn_iou: dict[str, Move] | None = None
-    turn_iou_per_deg: dict[str, float] | None = None
     tilt_deg: float | None = None
     tilt_iou: dict[str, Move] | None = None
-    tilt_iou_per_deg: dict[str, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,9 +227,6 @@ class View:
     outline_error_px: float | None
     outline_error_mm: float | None
     intrusion: float | None
-    outline_stretch_px: float
-    outline_stretch_mm: float
-    outline_stretch_off_px: float
     depth_ratio: float | None
     told: Told | None = None
     lamp_colour: tuple[float, float, float] | None = None

@@ -468,13 +468,7 @@ def measure_motion(old: Array, new: Array, outline_mm: float, radius: float) -> 
     """Measure the vertices' motion from `old` to `new` (N, 3) against its bound, `outline_mm` + `radius`."""
     length = np.linalg.norm(new - old, axis=1)
     largest, limit = float(length.max()), outline_mm + radius
-    return Motion(
-        largest_mm=largest,
-        mean_mm=float(length.mean()),
-        outline_mm=outline_mm,
-        limit_mm=limit,
-        held=largest <= limit,
-    )
+    return Motion(largest_mm=largest, outline_mm=outline_mm, limit_mm=limit, held=largest <= limit)
 
 
 # the picture's motion, which carries a knot along

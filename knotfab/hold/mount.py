@@ -337,13 +337,12 @@ class Mounted:
         if isinstance(mount, WallMount):
             lengths = [peg.length_mm for peg in mount.pegs]
             thick = [peg.top_radius_mm for peg in mount.pegs]
-            joined, knots = mount.strut_knots.tolist(), range(len(asked.pegs))
+            joined = mount.strut_knots.tolist()
             return MountFigures(
                 kind="wall",
                 foot=mount.settings.foot,
                 pegs=len(mount.pegs),
                 struts=len(mount.struts),
-                pegs_of_knots=tuple(sum(peg.knot == k for peg in mount.pegs) for k in knots),
                 knots_joined=tuple(sorted({(a, b) for a, b in joined if a != b})),
                 peg_length_mm=(min(lengths), max(lengths)),
                 peg_diameter_mm=2 * max(thick),
@@ -355,12 +354,10 @@ class Mounted:
         own["member_diameter_mm"] = 2 * float(radius.min()), 2 * float(radius.max())
         own["predicted_intrusion"] = float(mount.predicted_intrusion.max())
         if isinstance(mount, StandMount):
-            width, depth, front, back = mount.base.size_mm
             return MountFigures(
                 kind="stand",
                 posts=len(mount.posts),
-                base_mm=(width, depth, front),
-                base_back_mm=back,
+                base_mm=mount.base.size_mm[:3],
                 margin_mm=mount.base.margin_mm,
                 tip_deg=mount.base.tip_deg,
                 **own,

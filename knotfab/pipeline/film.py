@@ -182,10 +182,7 @@ def _sequence_report(
             certificate=None,
             thickness_mm=min(r.settings.thickness_mm for r in reports),
             sequence=SequenceFigures(
-                frames=len(reports),
-                closing=motions[-1],
-                verification_s=round(sum(sum(p.verdict.seconds.values()) for p in pieces), 2),
-                loop=request.scene.sequence.loop,
+                frames=len(reports), closing=motions[-1], loop=request.scene.sequence.loop
             ),
         ),
         notes=(

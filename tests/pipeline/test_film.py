@@ -188,7 +188,7 @@ def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> Non
 
 
 def test_motion_beyond_the_bound_fails() -> None:
-    bounds = {"outline_mm": 5.0, "limit_mm": 7.0, "mean_mm": 1.0}
+    bounds = {"outline_mm": 5.0, "limit_mm": 7.0}
     held, not_held = (Motion(**bounds, largest_mm=m, held=m < 7) for m in (6.9, 7.1))
     assert check_motion([held, held]).status == "pass"
     found = check_motion([held, not_held])

@@ -359,12 +359,12 @@ def fabrication_page(**more: Any) -> Page:
 
 
 WALL = {
-    "kind": "wall", "foot": "dowel", "pegs": 7, "pegs_of_knots": [7], "peg_length_mm": [55.9, 127.4],
+    "kind": "wall", "foot": "dowel", "pegs": 7, "peg_length_mm": [55.9, 127.4],
     "peg_diameter_mm": 2.2296, "sag_mm": 0.17, "max_sag_mm": 0.2,
 }  # fmt: skip
 STAND = {
     "kind": "stand", "posts": 2, "struts": 11, "members_of_knots": [13],
-    "member_diameter_mm": [2.0, 3.0], "base_mm": [88.0, 64.5, 9.0], "base_back_mm": 6.0,
+    "member_diameter_mm": [2.0, 3.0], "base_mm": [88.0, 64.5, 9.0],
     "margin_mm": 12.0, "tip_deg": 9.5, "predicted_intrusion": 0.002, "sag_mm": 0.1, "max_sag_mm": 0.2,
 }  # fmt: skip
 SLICED = {
@@ -415,7 +415,6 @@ def test_what_it_costs_to_be_off_is_told_with_the_view() -> None:
 
     off = {
         "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.99, "worst": None, "samples": 7,
-        "lamp_iou_per_mm": {},
         "lamp_iou": ious("right", "up", "towards"), "turn_iou": ious("right", "up", "axis"),
     }  # fmt: skip
     text = fabrication_page(views=[{"misplacement": off}]).text

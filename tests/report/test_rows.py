@@ -15,7 +15,7 @@ from knotfab_formats.report import Row
 
 OFF = {
     "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.95, "samples": 7, "lamp_iou": {},
-    "lamp_iou_per_mm": {}, "worst": {"of": "turn", "way": "up", "raw": 0.9, "fitted": 0.966},
+    "worst": {"of": "turn", "way": "up", "raw": 0.9, "fitted": 0.966},
 }  # fmt: skip
 SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60.0, "other": None}
 

@@ -52,15 +52,7 @@ def one(start: object, end: object, radius: float, ground: bool = False) -> Cand
 SAG: dict[str, Any] = {"sag_mm": 0.1, "sag_at": np.zeros(3)}
 Kind = Literal["none", "plate", "dowel", "stand"]
 OFF = Misplacement(
-    parting_px=2.0,
-    lamp_mm=5.0,
-    turn_deg=1.0,
-    iou=0.99,
-    lamp_iou={},
-    worst=None,
-    samples=7,
-    lamp_iou_per_mm={"right": 0.0142, "up": 0.0087, "towards": 0.0001},
-    turn_iou_per_deg={"right": 0.5, "up": 0.25, "axis": 0.04},
+    parting_px=2.0, lamp_mm=5.0, turn_deg=1.0, iou=0.99, lamp_iou={}, worst=None, samples=7
 )
 
 

@@ -17,7 +17,6 @@ VIEW: dict[str, Any] = {
     "projection": np.eye(3, 4), "receiver": np.array([0.0, 0.0, 1.0, 100.0]),
     "iou": 0.98765, "iou_frame": 0.98765, "iou_tube": np.float64(0.98801), "precision": 0.995,
     "recall": 0.9926, "outline_error_px": 0.0831, "outline_error_mm": 0.0147, "intrusion": None,
-    "outline_stretch_px": 9.0, "outline_stretch_mm": 1.6, "outline_stretch_off_px": 0.4,
     "depth_ratio": 0.614,
 }  # fmt: skip
 CHECK: dict[str, Any] = {

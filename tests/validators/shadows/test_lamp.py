@@ -245,8 +245,6 @@ def test_moved_for_real_raw_and_fitted(apart: float) -> None:
     assert found.samples == 13 and found.iou == 1.0
     sideways = found.lamp_iou["right"]
     assert sideways.raw < 0.9  # 4 mm of plates 24 mm wide
-    assert found.lamp_iou_per_mm["right"] == pytest.approx((1 - sideways.raw) / 20.0)
-    assert found.turn_iou_per_deg["axis"] == pytest.approx((1 - found.turn_iou["axis"].raw) / 3.0)
     like_a_wheel = found.turn_iou["axis"]
     assert like_a_wheel.fitted > 0.97 > like_a_wheel.raw
     if apart == 0.0:
@@ -289,7 +287,6 @@ def test_what_nobody_misplaces_is_not_moved() -> None:
         )
         assert half.iou == 1.0
     assert found.samples == 1 and found.worst is None and found.turn_iou is None
-    assert set(found.lamp_iou_per_mm.values()) == {0.0}
 
 
 def test_it_is_measured_where_the_scene_calls_for_it() -> None:

@@ -148,10 +148,6 @@ def measure_misplacement(
         for way, move in ways.items()
     ]
 
-    def lost(of: str, ways: tuple[str, ...], step: float) -> dict[str, float]:
-        found = {way: ious[of][way].raw if way in ious[of] else best for way in ways}
-        return {way: max(0.0, best - iou) / max(step, 1e-9) for way, iou in found.items()}
-
     tilts = bool(ious["tilt"])
     return Misplacement(
         parting_px=parting,
@@ -161,12 +157,9 @@ def measure_misplacement(
         lamp_iou=ious["lamp"],
         worst=min(each, key=lambda move: move.fitted, default=None),
         samples=samples,
-        lamp_iou_per_mm=lost("lamp", ("right", "up", "towards"), placing.lamp_mm),
         turn_iou=ious["turn"] if turns else None,
-        turn_iou_per_deg=lost("turn", ("right", "up", "axis"), placing.turn_deg) if turns else None,
         tilt_deg=placing.tilt_deg if tilts else None,
         tilt_iou=ious["tilt"] if tilts else None,
-        tilt_iou_per_deg=lost("tilt", ("right", "up"), placing.tilt_deg) if tilts else None,
     )
 
 
