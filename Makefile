@@ -10,7 +10,7 @@ DONE := $(VENV)/.installed
 TORCH_INDEX ?=
 TORCH := -q -c constraints.txt --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch==2.13.0
 
-.PHONY: accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table demo lines test tests all-tests test-quick wheel-test docs gallery lint outside-suites feature-table effects-table traced-colours paper-table paper-ablations validator-table verdict-table mutations frontier worst-cases system slicer browser viewer pictures typed-pages clean
+.PHONY: accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table demo lines test tests all-tests test-quick wheel-test docs gallery lint feature-table effects-table traced-colours paper-table paper-ablations validator-table verdict-table mutations frontier worst-cases system slicer browser viewer pictures typed-pages clean
 
 $(DONE): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -103,10 +103,6 @@ wheel-test: system
 # three lamps (10 min), twelve knots tied into one picture (5 min); what was built already is not built again
 accuracy-table supports-table mounts-table accuracies-table budgets-table several-table lamps-table knots-table: system slicer $(DONE)
 	$(BIN)/python -m benchmarks.build_table $(@:%-table=%) --out out/$(@:%-table=%) $(if $(BEFORE),--before $(BEFORE))
-
-# other projects' files below a folder (DIR=...): 3MF conformance suites, knots, pictures; a few seconds each
-outside-suites: system $(DONE)
-	$(BIN)/python -m benchmarks.outside_suites "$(DIR)"
 
 # every feature in every setting, built: one view, several, a free view, a sequence (about half an hour; an interrupted
 # run goes on where it was)

@@ -37,21 +37,6 @@ if TYPE_CHECKING:
     from knotfab.search.objective import Term
     from knotfab_formats.search import SearchSettings
 
-__all__ = [
-    "assemble_part",
-    "build",
-    "choose_tube",
-    "design_knots",
-    "pose_question",
-    "read_picture",
-    "search_knots",
-    "settle_design",
-    "sweep_tube",
-    "validate_part",
-    "write_files",
-]
-
-
 Source = str | Path | Any  # a file, text:…, a picture of PIL, or an array
 
 
