@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +13,10 @@ from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import FILLET_MM
 from knotfab.geometry.tube import Mesh, as_manifold
-from knotfab.hold.beams import JOINT_RADII, Holder, Stiffness, sag_moves, worst_of
-from knotfab.hold.roots import MOST_OUTSIDE, WIDTHS_MM, Roots, lay_roots
+from knotfab.hold.beams import DOWN, JOINT_RADII, Holder, Stiffness, sag_moves, worst_of
+from knotfab.hold.roots import MOST_OUTSIDE, RISES, WIDTHS_MM, NoWayError, Roots, lay_roots
 from knotfab.hold.solids import Fixture
-from knotfab.hold.space_frame import Beams, round_beams
+from knotfab.hold.space_frame import Beams, assemble_frame, round_beams
 from knotfab.hold.struts import GROUND, Candidates, Sites, sites_of
 from knotfab.knots import Knots
 from knotfab.picture.silhouette import trace_polygon
@@ -115,12 +116,18 @@ def plan_foot_plate(
     dark = _find_dark(shadow, camera, settings, target)
     most_mm2 = MOST_OUTSIDE * float(np.prod(camera.frame_mm))
     found = []
-    for width in WIDTHS_MM:
-        roots = lay_roots(dark, middles, prints, settings.hole_diameter_mm, width, most_mm2)
+    for width, rise in product(WIDTHS_MM, RISES):
+        try:
+            how = settings.hole_diameter_mm, width, most_mm2, rise
+            roots = lay_roots(dark, middles, prints, *how)
+        except NoWayError:
+            if not found:
+                raise
+            continue
         plate = FootPlate(*_rings_of(roots.sheet), roots.holes, *own, width, taped=True)
         found.append(_standing(plate, moves, knots))  # tape holds each foot where it is
         if len(roots.holes):
-            on_pads = partial(_hold_by_pads, roots, len(feet), camera, settings)
+            on_pads = partial(_hold_by_pads, roots, len(feet), camera, settings, stiffness)
             swayed = sag_moves(knots, *held, stiffness, hold=on_pads)
             screwed = _standing(replace(plate, taped=False), swayed, knots)
             if screwed.sag_mm <= stiffness.max_sag_mm:
@@ -333,12 +340,17 @@ def _hold_feet(knots: Knots, feet: list[_Foot], camera: Camera) -> tuple[Sites, 
 
 
 def _hold_by_pads(
-    roots: Roots, feet: int, camera: Camera, settings: Mount, beams: Beams, ends: Indices
+    roots: Roots,
+    feet: int,
+    camera: Camera,
+    settings: Mount,
+    stiffness: Stiffness,
+    beams: Beams,
+    ends: Indices,
 ) -> tuple[Beams, Mask]:
-    """Stand a frame's ends, that would be rigid, on strips that are held at their pads alone.
+    """Stand a frame's ends, that would be rigid, on strips that are held at their pads and lean on the wall.
 
-    Also return which unknowns are held, (6 n,). A strip is as stiff about every axis as it is to bend off
-    the wall.
+    Also return which unknowns are held, (6 n,).
     """
     wall, thick, n = camera.wall_axes, settings.thickness_mm, len(beams.joints)
     flat = (beams.joints[ends] - camera.middle) @ wall[:2].T
@@ -348,7 +360,8 @@ def _hold_by_pads(
         np.concatenate([np.column_stack([ends, n + away.argmin(axis=1)]), n + roots.ends]),
         np.full(len(ends) + len(roots.ends), float(thick)),
     )
-    strip = slice(len(ends), None)
+    strip, edgewise = slice(len(ends), None), stout.inertia.copy()
+    edgewise[strip] = roots.widths**3 * thick / 12
     stout.area[strip] = roots.widths * thick
     stout.inertia[strip] = roots.widths * thick**3 / 12
     stout.twist[strip] = roots.widths * thick**3 / 3
@@ -356,6 +369,38 @@ def _hold_by_pads(
         np.concatenate([getattr(beams, name), getattr(stout, name)])
         for name in ("ends", "area", "inertia", "twist")
     )
+    edgewise = np.concatenate([beams.inertia, edgewise])
+    whole = Beams(stout.joints, *joined, flat=wall[2], edgewise=edgewise)
     held = np.zeros((len(stout.joints), 6), dtype=bool)
     held[n + feet : n + feet + len(roots.holes)] = True
-    return Beams(stout.joints, *joined), held.ravel()
+    return whole, lean_on_wall(
+        whole, held.ravel(), np.arange(n, len(stout.joints)), wall[2], stiffness
+    )
+
+
+def lean_on_wall(
+    beams: Beams, held: Mask, joints: Indices, out: Array, stiffness: Stiffness
+) -> Mask:
+    """Hold those joints of a frame that its weight presses into the wall, whose normal is `out` (3,).
+
+    Nothing holds a joint that lifts off. A wall that is not square to an axis of the scene holds none.
+
+    Returns:
+        Which unknowns are held, (6 n,).
+    """
+    from scipy.optimize import nnls
+
+    axis = int(np.abs(out).argmax())
+    off = 6 * joints[~held[6 * joints + axis]] + axis
+    if abs(out[axis]) < 1 - 1e-9 or not len(off):
+        return held
+    how = stiffness.young_mpa, stiffness.density_g_cm3, DOWN, held
+    frame = assemble_frame(beams, np.empty(0, dtype=np.int64), *how)
+    away = out[axis] * frame.displacements().ravel()[off]
+    # the forces p >= 0 of the wall, which leave no joint within it, have the least p G p / 2 + away p
+    yields = frame.moves_under(off)[off]
+    lower = np.linalg.cholesky(yields + 1e-9 * yields.max() * np.eye(len(off)))
+    force, _ = nnls(lower.T, -np.linalg.solve(lower, away))
+    held = held.copy()
+    held[off[force > 0]] = True
+    return held

@@ -16,7 +16,9 @@ from knotfab_validators.shadows.told import tell_flat
 if TYPE_CHECKING:
     from shapely import Geometry, Polygon
 
-WIDTHS_MM = 7.0, 10.0  # of strips; wider ones are tried where they spare tape
+# Of strips, and what a screw's height is worth of its distance from the other: tried in turn to spare tape
+WIDTHS_MM = 7.0, 10.0
+RISES = 0.3, 2.0
 CORE_MM = 1.2  # half the width that a strip keeps where the shadow is thinner
 MOST_OUTSIDE = 0.0005  # share of the frame that strips may darken beside the shadow
 TELLS = 0.5  # share told from which on a holder shows the picture
@@ -49,13 +51,19 @@ class Roots:
 
 
 def lay_roots(
-    dark: Geometry, feet: Array, prints: Geometry, hole_mm: float, width_mm: float, most_mm2: float
+    dark: Geometry,
+    feet: Array,
+    prints: Geometry,
+    hole_mm: float,
+    width_mm: float,
+    most_mm2: float,
+    rise: float = RISES[0],
 ) -> Roots:
     """Join feet (n, 2) and pads by a tree of strips along the middle of the shadow.
 
     Args:
         dark: where the wall is dark. prints: what the feet cover of it. most_mm2: how much of the strips
-            may lie elsewhere.
+            may lie elsewhere. rise: how much farther apart screws would have to be to lie so much lower.
 
     Raises:
         NoWayError: too much of them would show.
@@ -63,7 +71,7 @@ def lay_roots(
     import shapely
 
     dark = dark.buffer(_SLIT_MM).buffer(-_SLIT_MM - _INSET_MM)
-    holes = _place_holes(dark, prints, hole_mm)
+    holes = _place_holes(dark, prints, hole_mm, rise)
     ends = np.concatenate([feet, holes])
     lines, points, pairs = _find_ways(dark.union(prints), ends, width_mm)
     ways = shapely.union_all([*lines, *shapely.points(ends)])
@@ -112,7 +120,7 @@ def suits_roots(target: Mask, mm_per_px: float) -> bool:
     return tell_flat(shapely.contains_xy(roots.sheet, x, y), target) < TELLS
 
 
-def _place_holes(dark: Geometry, prints: Geometry, hole_mm: float) -> Array:
+def _place_holes(dark: Geometry, prints: Geometry, hole_mm: float, rise: float) -> Array:
     """Place two screw holes in the shadow beside the feet, level and far apart; none where none fit."""
     import shapely
 
@@ -122,20 +130,14 @@ def _place_holes(dark: Geometry, prints: Geometry, hole_mm: float) -> Array:
     x0, y0, x1, y1 = room.bounds
     x, y = np.meshgrid(np.arange(x0, x1, 2 * _CELL_MM), np.arange(y0, y1, 2 * _CELL_MM))
     inside = shapely.contains_xy(room, x, y)
-    # the places farthest apart are ends of rows
-    ends = [row[at][[0, -1]] for row, at in zip(x, inside, strict=True) if at.any()]
-    spots = np.column_stack([np.ravel(ends), np.repeat(y[inside.any(axis=1), 0], 2)])
-    if not len(spots):
-        return spots
-    # level and far apart, rather above than below the middle
-    across = np.abs(spots[:, None] - spots)
-    worth = across[..., 0] - 10.0 * across[..., 1] + 0.15 * (spots[:, None, 1] + spots[:, 1])
-    one, other = np.unravel_index(int(worth.argmax()), worth.shape)
-    if np.hypot(*across[one, other]) < 0.25 * np.hypot(
-        *np.subtract(dark.bounds[2:], dark.bounds[:2])
-    ):
+    rows = np.flatnonzero(inside.any(axis=1))
+    ends = np.array([x[row, inside[row]][[0, -1]] for row in rows]).reshape(-1, 2)
+    apart, high = np.ptp(ends, axis=1), y[rows, 0]
+    far = apart >= 0.25 * np.hypot(*np.subtract(dark.bounds[2:], dark.bounds[:2]))
+    if not far.any():
         return np.empty((0, 2))
-    return spots[sorted([one, other], key=lambda k: float(spots[k, 0]))]
+    best = int(np.where(far, apart + rise * high, -np.inf).argmax())
+    return np.column_stack([ends[best], np.full(2, high[best])])
 
 
 def _find_ways(

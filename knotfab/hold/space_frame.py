@@ -22,6 +22,8 @@ class Beams:
         joints: (n, 3) mm. ends: (m, 2) joints of each beam.
         area: (m,) mm². inertia: (m,) second moment of area, mm⁴, the same about every axis of the
             section (round or square). twist: (m,) torsion constant, mm⁴.
+        flat: (3,) unit normal of a plane in which strips lie. edgewise: (m,) the second moment that resists
+            bending within it; `inertia` then resists bending out of it.
     """
 
     joints: Array
@@ -29,6 +31,8 @@ class Beams:
     area: Array
     inertia: Array
     twist: Array
+    flat: Array | None = None
+    edgewise: Array | None = None
 
 
 def round_beams(joints: Array, ends: Indices, radius: Array, wall_mm: float = np.inf) -> Beams:
@@ -61,12 +65,14 @@ class SpaceFrame:
 
     def flexibility(self, joints: Indices) -> Array:
         """Return all moves and turns under a unit force or couple on each of c joints, (6 n, c, 6)."""
-        unit = np.zeros((6 * self.joints, len(joints), 6))
-        for number, joint in enumerate(joints):
-            unit[6 * joint + np.arange(6), number, np.arange(6)] = 1.0
-        solved = self._solve(unit.reshape(6 * self.joints, -1))
-        moves: Array = solved.reshape(6 * self.joints, len(joints), 6)
-        return moves
+        pushed = (6 * np.asarray(joints)[:, None] + np.arange(6)).ravel()
+        return self.moves_under(pushed).reshape(6 * self.joints, len(joints), 6)
+
+    def moves_under(self, unknowns: Indices) -> Array:
+        """Return all moves and turns under a unit force or couple on each of c unknowns, (6 n, c)."""
+        unit = np.zeros((6 * self.joints, len(unknowns)))
+        unit[unknowns, np.arange(len(unknowns))] = 1.0
+        return self._solve(unit)
 
     def response(self, force: Array) -> Array:
         """Return moves and turns (n, 6) under forces and couples (n, 6), without the weight."""
@@ -142,12 +148,17 @@ def _turns(axes: Array) -> Array:
 
 
 def _lengths_and_axes(beams: Beams) -> tuple[Array, Array]:
-    """Return the beams' lengths (m,), mm, and axes (m, 3, 3) in rows: along, and two across."""
+    """Return the beams' lengths (m,), mm, and axes (m, 3, 3) in rows: along, and two across.
+
+    Of beams that lie in a plane, the second lies there, too.
+    """
     along = beams.joints[beams.ends[:, 1]] - beams.joints[beams.ends[:, 0]]
     length = np.linalg.norm(along, axis=1)
     unit = along / np.maximum(length, 1e-300)[:, None]
     helper = np.zeros_like(unit)
     helper[np.arange(len(unit)), np.abs(unit).argmin(axis=1)] = 1.0
+    if beams.flat is not None:
+        helper[np.abs(unit @ beams.flat) < 0.9] = beams.flat
     second = np.cross(unit, helper)
     second /= np.maximum(np.linalg.norm(second, axis=1), 1e-300)[:, None]
     return length, np.stack([unit, second, np.cross(unit, second)], axis=1)
@@ -161,8 +172,9 @@ def _stiffness(beams: Beams, length: Array, young: float) -> Array:
     for i, j, sign in ((0, 0, 1), (6, 6, 1), (0, 6, -1), (6, 0, -1)):
         k[:, i, j] = sign * stretch
         k[:, i + 3, j + 3] = sign * twist
-    bend = young * beams.inertia
-    for move, rotate, s in ((1, 5, 1.0), (2, 4, -1.0)):
+    edgewise = beams.inertia if beams.edgewise is None else beams.edgewise
+    for move, rotate, s, inertia in ((1, 5, 1.0, edgewise), (2, 4, -1.0, beams.inertia)):
+        bend = young * inertia
         a, b = 12 * bend / length**3, s * 6 * bend / length**2
         c, d = 4 * bend / length, 2 * bend / length
         at = [move, rotate, move + 6, rotate + 6]

@@ -14,9 +14,9 @@ from knotfab_formats.verdict import list_unmet
 _GUESSED, _READ = 0.25, 0.5
 # how to ask for another way, and what it is like
 _WAYS = {
-    "rounded": ("--plate rounded", ", on a light screen"),
-    "slicer": ("--supports slicer", ", supports included and no holder"),
-    "none": ("--supports none", ""),
+    "rounded": ("--plate rounded", "in a rounded plate, which is its screen,"),
+    "slicer": ("--supports slicer", "with the slicer's supports, and no holder,"),
+    "none": ("--supports none", "without supports"),
 }
 _STRINGS = 15.0  # retractions a layer from which on strings are to be expected
 _PRESSING = ("fail", "warn", "do", "info")
@@ -192,15 +192,15 @@ def _list_printing(report: Report) -> Iterator[Row]:
         )
     if len(supports.ways) > 1:
         taken, other = supports.ways[:2]
-        remedy, words = _WAYS[other.way]
+        remedy, how = _WAYS[other.way]
         yield Row(
             name="otherwise",
             value=other.price,
             unit="h",
             limit=taken.price,
             remedy=remedy,
-            text=f"{remedy} would take about {other.grams:.0f} g and {other.hours:.1f} h{words} "
-            f"(price {other.price:.0f} for {taken.price:.0f})",
+            text=f"The next best: {how} it would take about {other.grams:.0f} g and {other.hours:.1f} h, a "
+            f"price of {other.price:.1f} h for {taken.price:.1f} h ({remedy}).",
         )
 
 

@@ -88,9 +88,13 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
             "Leave it out, or give one picture",
         )
     if (scene.mount.asked or scene.mount.plate == "pegs") and not scene.mount.on_feet:
-        held = {"wall": "pegs hold", "stand": "a stand holds"}.get(
-            scene.mount.kind, "an eyelet holds"
-        )
+        if scene.mount.kind == "hang":
+            return (
+                "an eyelet flat on the bed lies behind the centre of mass and would let it tip out of "
+                "the light, and struts that keep strands from sagging on a thread would begin in mid-air",
+                "Use --mount wall, which hangs on two nails by flat pads in its shadow",
+            )
+        held = "a stand holds" if scene.mount.kind == "stand" else "pegs hold"
         return (
             f"{held} it off the bed, and its strands would begin in mid-air",
             "Use --plate roots or rounded, in which it stands by its own feet, or --mount none",

@@ -9,6 +9,7 @@ import pytest
 from pieces import RADIUS, knots, one, ring
 
 from knotfab.hold.beams import DOWN, PIECES, Stiffness, piece_beams, sag_moves, worst_of
+from knotfab.hold.foot_plate import lean_on_wall
 from knotfab.hold.pegs import choose_pegs, pegs_on, sites_with
 from knotfab.hold.shade import free_rays
 from knotfab.hold.space_frame import GRAVITY_M_S2, POISSON, Beams, assemble_frame, round_beams
@@ -80,6 +81,50 @@ def test_turning_the_world_turns_the_answer() -> None:
     one = deflect(round_beams(joints, ends, np.full(12, R)), np.array([0, 5]))
     other = deflect(round_beams(joints @ q.T, ends, np.full(12, R)), np.array([0, 5]), q @ DOWN)
     assert np.allclose(one @ q.T, other, rtol=1e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 90.0])
+def test_a_strip_is_stiffer_edgewise_than_flat(tilt_deg: float) -> None:
+    """A cantilever along x of 7 x 1.6 mm, turned about its axis under its own weight."""
+    wide, thick, length = 7.0, 1.6, 60.0
+    out = np.array([0.0, np.sin(np.radians(tilt_deg)), np.cos(np.radians(tilt_deg))])
+    area, flat, edgewise = np.array([[wide * thick, wide * thick**3 / 12, wide**3 * thick / 12]]).T
+    strip = Beams(
+        np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]),
+        np.array([[0, 1]]),
+        area,
+        flat,
+        4 * flat,
+        out,
+        edgewise,
+    )
+    moved = assemble_frame(strip, np.array([0]), 2000.0, 1.24, DOWN).displacements()[1, :3]
+    load = 1.24e-6 * GRAVITY_M_S2 * area[0] * length**4 / (8 * 2000.0)
+    up = np.cross(out, [1.0, 0.0, 0.0])  # within the strip's plane, across it
+    assert moved @ out == pytest.approx(load * (DOWN @ out) / flat[0], abs=1e-9)
+    assert moved @ up == pytest.approx(load * (DOWN @ up) / edgewise[0], abs=1e-9)
+
+
+@pytest.mark.parametrize(("at", "pressed"), [(-60.0, True), (60.0, False)])
+def test_a_strip_leans_on_the_wall_below_its_screw_and_lifts_off_above_it(
+    at: float, pressed: bool
+) -> None:
+    """A heavy arm stands out from the strip's free end, over the wall z = 0."""
+    joints = np.array([[0.0, 0.0, 0.0], [0.0, at, 0.0], [0.0, at, 60.0]])
+    ends, out = np.array([[0, 1], [1, 2]]), np.array([0.0, 0.0, 1.0])
+    beams = round_beams(joints, ends, np.array([1.5, 4.0]))
+    pla, free = Stiffness(2000.0, 1.24, 0.5), np.zeros(18, dtype=bool)
+    free[:6] = True
+    held = lean_on_wall(beams, free, np.array([0, 1]), out, pla)
+    assert held[8] == pressed and (np.delete(held, 8) == np.delete(free, 8)).all()
+    moved = [
+        assemble_frame(beams, np.array([]), 2000.0, 1.24, DOWN, some).displacements()
+        for some in (free, held)
+    ]
+    assert (moved[0][1, 2] < 0) == pressed and moved[1][1, 2] >= 0.0
+    assert (abs(moved[1][2, 1]) < 0.9 * abs(moved[0][2, 1])) == pressed
+    aslant = np.array([0.0, 0.6, 0.8])  # a wall that leans holds nothing
+    assert (lean_on_wall(beams, free, np.array([0, 1]), aslant, pla) == free).all()
 
 
 def test_what_nothing_holds_is_refused() -> None:

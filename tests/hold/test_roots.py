@@ -6,7 +6,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry
 
-from knotfab.hold.roots import CORE_MM, NoWayError, lay_roots, suits_roots
+from knotfab.hold.roots import CORE_MM, RISES, NoWayError, lay_roots, suits_roots
 
 HOLE_MM, WIDE_MM, MOST_MM2 = 4.0, 7.0, 10.0
 DISC = shapely.Point(0, 0).buffer(40)
@@ -100,6 +100,22 @@ def test_hard_shadows_have_finite_roots_or_one_sentence(name: str, mirrored: boo
     assert found.sheet.is_valid and found.sheet.buffer(0.1).contains(covers(feet))
     assert np.isfinite(found.widths).all() and np.isfinite(found.points).all()
     assert len(found.holes) == screws  # without any, tape holds it
+
+
+@pytest.mark.parametrize("dark", [DISC, RING])
+def test_screws_are_level_and_far_apart_and_higher_where_height_is_worth_more(
+    dark: Geometry,
+) -> None:
+    feet = spread(dark)
+    low, high = (
+        lay_roots(dark, feet, covers(feet), HOLE_MM, WIDE_MM, MOST_MM2, rise).holes
+        for rise in RISES
+    )
+    assert high[:, 1].mean() > low[:, 1].mean() + 5.0
+    x0, y0, x1, y1 = dark.bounds
+    for holes in (low, high):
+        assert np.ptp(holes[:, 1]) == 0.0
+        assert np.ptp(holes[:, 0]) >= 0.25 * np.hypot(x1 - x0, y1 - y0)
 
 
 def draw(dark: Geometry) -> NDArray[np.bool_]:

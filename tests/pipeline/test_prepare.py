@@ -77,6 +77,7 @@ SUPPORTED: list[tuple[dict[str, Any], str]] = [
     ({"depth": "flat"}, "a flat piece has no depth"),
     ({"mount": "stand"}, "a stand holds it off the bed"),
     ({"mount": "wall"}, "pegs hold it off the bed"),
+    ({"mount": "hang"}, "behind the centre of mass and would let it tip"),
     ({"lamps": "switch"}, "picture of another light fixes their height"),
 ]
 

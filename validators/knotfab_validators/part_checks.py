@@ -14,11 +14,11 @@ from knotfab_validators.arrays import Array
 from knotfab_validators.asked_mount import asked_of_mount, threads_of
 from knotfab_validators.check import skip_check, time_stage
 from knotfab_validators.geometry.curves import Curves
-from knotfab_validators.geometry.mesh import Mesh
+from knotfab_validators.geometry.mesh import Mesh, part_bars
 from knotfab_validators.geometry.surface import TooMuchWork
 from knotfab_validators.knots.knot_types import knot_checks
 from knotfab_validators.mesh.surface_checks import check_mesh
-from knotfab_validators.printing.bars import check_bars, part_bars
+from knotfab_validators.printing.bars import check_bars
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.printing.slices import slice_layers
 from knotfab_validators.printing.standing import check_level

@@ -46,10 +46,10 @@ from knotfab_formats.verdict import GROWN, KNOTS, MESH, PRINTING, UPRIGHT, Check
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.curves import Bar
-from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
+from knotfab_validators.geometry.mesh import Mesh, enclosed_volume, part_bars
 from knotfab_validators.part_checks import part_checks
 from knotfab_validators.printing import bridges as columns_module
-from knotfab_validators.printing.bars import check_bars, part_bars
+from knotfab_validators.printing.bars import check_bars
 from knotfab_validators.printing.bridges import _heights, columns
 from knotfab_validators.printing.printability import printability_checks
 from knotfab_validators.printing.slices import measure_pieces, slice_layers
@@ -372,12 +372,16 @@ def test_a_usual_scene_has_nothing_of_it_proved() -> None:
     assert not set(UPRIGHT) & {c.name for c in found}
 
 
-def test_a_bar_that_shows_in_the_shadow_is_rejected_and_one_that_hides_is_not() -> None:
-    """Lit from above; a bar within a chain of arches is seen in the middle of its ring."""
+@pytest.mark.parametrize("frame_mm", [40.0, 160.0])
+def test_a_bar_that_shows_in_the_shadow_is_rejected_and_one_that_hides_is_not(
+    frame_mm: float,
+) -> None:
+    """Lit from above; a bar within a chain of arches is seen in its ring, however large the frame."""
     part = braced()
     across = box((-6, -0.4, 30), (6, 0.4, 30.4))
     view = view_geometry(
-        PlainView(frame_width_mm=40.0, frame_height_mm=40.0, light_distance_mm=1e4), 160, 160
+        PlainView(frame_width_mm=frame_mm, frame_height_mm=frame_mm, light_distance_mm=1e4),
+        *2 * [int(4 * frame_mm)],
     )
     for mesh, status in ((part.mesh, "pass"), (together(part.mesh, across), "fail")):
         own = part_bars(part.mesh).strands
@@ -391,7 +395,8 @@ def test_a_bar_that_shows_in_the_shadow_is_rejected_and_one_that_hides_is_not() 
             radius=part.curves.radius_mm,
             mounted=True,
             bars=True,
-            longer=320,
+            bar_bodies=part_bars(mesh).bars,
+            longer=int(8 * frame_mm),
         )
         checks = shadow_checks(
             {"front": seen},

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knotfab_formats.libraries import took_part
-from knotfab_validators.arrays import Array, Ints, compiled
+from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.geometry.rays import count_above, is_balanced
 
 Corners = NDArray[np.floating[Any]]
@@ -336,3 +336,31 @@ def collision_distance(one: Any, other: Any) -> tuple[float, Array]:
     request, result = fcl.DistanceRequest(enable_nearest_points=True), fcl.DistanceResult()
     distance = max(float(fcl.distance(one, other, request, result)), 0.0)
     return distance, np.asarray(result.nearest_points, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Parted:
+    """A part separated into its tubes and its bars; a bar is a body without a handle."""
+
+    strands: Mesh
+    bars: Mesh | None
+
+
+@lru_cache(maxsize=2)  # as printed, and as it is once it has shrunk
+def part_bars(mesh: Mesh) -> Parted:
+    """Separate bars from tubes by Euler's characteristic: 2 for a ball, 0 for a torus."""
+    if not mesh.usable:
+        return Parted(mesh, None)
+    label, count = number_bodies(mesh)
+    of = label[mesh.faces[:, 0]]
+    corners = np.bincount(label[label >= 0], minlength=count)
+    ball = 2 * corners - np.bincount(of, minlength=count) == 4
+    bar = ball & (body_volumes(mesh, label, count) > 0)  # a cavity is no bar
+    if not bar.any() or bar.all():
+        return Parted(mesh, None)
+    return Parted(_keep(mesh, ~bar[of]), _keep(mesh, bar[of]))
+
+
+def _keep(mesh: Mesh, faces: Mask) -> Mesh:
+    used, index = np.unique(mesh.faces[faces], return_inverse=True)
+    return Mesh(mesh.vertices[used], index.reshape(-1, 3))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 from math import dist
 
@@ -12,10 +10,10 @@ import numpy as np
 
 from knotfab_formats.upright import MOST_BAR_MM2
 from knotfab_formats.verdict import Check
-from knotfab_validators.arrays import Array, Mask
+from knotfab_validators.arrays import Array
 from knotfab_validators.check import at_most, spot
 from knotfab_validators.geometry.curves import Bar
-from knotfab_validators.geometry.mesh import Mesh, body_volumes, number_bodies
+from knotfab_validators.geometry.mesh import Mesh, number_bodies
 from knotfab_validators.geometry.surface import survey
 from knotfab_validators.printing.slices import Slices, find_pieces
 from knotfab_validators.tube.solid_matter import Solid, find_hollow
@@ -27,29 +25,6 @@ STEP_MM = 0.05
 SUNK_MM = (
     0.15  # an end may stick so far out of its strand: the grid of rows and layers sees no more
 )
-
-
-@dataclass(frozen=True)
-class Parted:
-    """A part separated into its tubes and its bars; a bar is a body without a handle."""
-
-    strands: Mesh
-    bars: Mesh | None
-
-
-@lru_cache(maxsize=2)  # as printed, and as it is once it has shrunk
-def part_bars(mesh: Mesh) -> Parted:
-    """Separate bars from tubes by Euler's characteristic: 2 for a ball, 0 for a torus."""
-    if not mesh.usable:
-        return Parted(mesh, None)
-    label, count = number_bodies(mesh)
-    of = label[mesh.faces[:, 0]]
-    corners = np.bincount(label[label >= 0], minlength=count)
-    ball = 2 * corners - np.bincount(of, minlength=count) == 4
-    bar = ball & (body_volumes(mesh, label, count) > 0)  # a cavity is no bar
-    if not bar.any() or bar.all():
-        return Parted(mesh, None)
-    return Parted(_keep(mesh, ~bar[of]), _keep(mesh, bar[of]))
 
 
 def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach: float) -> Check:
@@ -104,11 +79,6 @@ def _find_necks(bars: Mesh | None) -> list[Array]:
         if hollow is not None:
             found.append(hollow[1])
     return found
-
-
-def _keep(mesh: Mesh, faces: Mask) -> Mesh:
-    used, index = np.unique(mesh.faces[faces], return_inverse=True)
-    return Mesh(mesh.vertices[used], index.reshape(-1, 3))
 
 
 def _read_bars(bars: Mesh, listed: Sequence[Bar]) -> list[Bar]:

@@ -22,7 +22,7 @@ from knotfab_validators.files.picture import (
     widen_strokes,
 )
 from knotfab_validators.geometry.curves import Curves
-from knotfab_validators.geometry.mesh import Mesh, move_points
+from knotfab_validators.geometry.mesh import Mesh, move_points, part_bars
 from knotfab_validators.shadows.compare import depth_ratio, overlap
 from knotfab_validators.shadows.exact_shadow import ShadowCaster
 from knotfab_validators.shadows.frame import padded_mask, working_frame
@@ -147,6 +147,9 @@ def see_view(
         if bend is not None:
             bent = bend_silhouette(target if drawn is None else drawn, bend)
             drawn = bent.mask
+        bars = part_bars(part.mesh).bars if scene.piece.supports == "none" else None
+        if bars is not None:
+            bars = Mesh(move_points(bars.vertices, part.pose), bars.faces)
         found = verify_view(
             part.vertices,
             part.mesh.faces,
@@ -162,6 +165,7 @@ def see_view(
             drawn=drawn,
             ends=scene.screen_ends,
             bars=scene.piece.supports == "none",
+            bar_bodies=bars,
         )
     seen = ViewShadow(view, geometry, target, drawn, bent, found)
     seen = replace(seen, verdict=_recognise(part, seen))

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from knotfab_validators.arrays import Array, Ints, Mask
+from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.compare import Overlap, overlap
 from knotfab_validators.shadows.exact_shadow import ShadowCaster, shadow_mask, shadow_polygon
 from knotfab_validators.shadows.frame import WorkingFrame, padded_mask, working_frame
@@ -29,7 +30,8 @@ class VerifiedView:
     from the outline. `tube` and `outline` are None without knots; `outline_vertex` is the number
     of the part's vertex that casts the outline where it is farthest off. `wrong` is the longest stretch
     along which the outlines of shadow and picture differ. `intrusion` is the share of the frame
-    that a mount darkens outside both picture and knots; None where the knots are not known.
+    that a mount darkens outside both picture and knots; None where the knots are not known. `bar_mm2` is the
+    largest patch on the receiver that a bar darkens there.
     `framed` is `whole` without what a stand darkens outside the frame; `judged`, to which the floor applies,
     is without all that it darkens beside the tube, and has the strokes as wide as they are drawn (`drawn`).
     Without a stand and wider strokes all three are the same.
@@ -55,6 +57,7 @@ class VerifiedView:
     outline_px: float | None = None
     outline_vertex: int | None = None
     intrusion: float | None = None
+    bar_mm2: float = 0.0
     tube_px: float | None = None
 
     @property
@@ -80,6 +83,7 @@ def verify_view(
     drawn: Mask | None = None,
     ends: bool = False,
     bars: bool = False,
+    bar_bodies: Mesh | None = None,
 ) -> VerifiedView:
     """Measure the shadow of a mesh in one view, all in scene coordinates (mm).
 
@@ -98,7 +102,7 @@ def verify_view(
         drawn: (H, W), the silhouette with its strokes as wide as they are drawn, by which the shadow is
             judged; `target` where left out.
         bars: whether bars may stand between the strands: the outline is that of the tube's own surface then
-            too, and what they darken is `intrusion`.
+            too, and what they darken is `intrusion`. bar_bodies: these bars alone, in scene coordinates.
         ends: whether the wall ends at the picture's frame, so that nothing beside it is shadow.
 
     Raises:
@@ -148,6 +152,10 @@ def verify_view(
     seen, _ = fine.project(vertices)
     nearest = int(((seen - np.array(error.where)) ** 2).sum(axis=1).argmin())
     intruding = shadow & ~field.mask & ~wanted
+    shown = 0.0
+    if bar_bodies is not None:
+        cast = ShadowCaster(bar_bodies.vertices, bar_bodies.faces).lines(fine)
+        shown = _largest_px(intruding & shadow_mask(cast, fine)) * fine.pixel_mm**2
     return replace(
         result,
         tube=overlap(field.mask & screen, wanted) if mounted else whole,
@@ -155,6 +163,7 @@ def verify_view(
         outline_px=error.largest_mm / fine.pixel_mm,
         outline_vertex=nearest,
         intrusion=float(intruding[frame.mask].mean()) if mounted else 0.0,
+        bar_mm2=shown,
         tube_px=radius / middle / fine.pixel_mm,
     )
 
@@ -170,6 +179,14 @@ def _beside_stand(view: VerifiedView, tube: Mask) -> VerifiedView:
         seen=kept,
         of_tube=of_tube,
     )
+
+
+def _largest_px(mask: Mask) -> int:
+    """Count the pixels of a mask's largest patch."""
+    from scipy.ndimage import label
+
+    patches, count = label(mask, np.ones((3, 3)))
+    return int(np.bincount(patches.ravel())[1:].max()) if count else 0
 
 
 def count_stray(rendered: Mask, exact: Mask, polygon: Any) -> int:
