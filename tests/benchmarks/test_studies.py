@@ -214,6 +214,8 @@ def build(request: Request, progress: Progress) -> Outcome:
     with OutputFolder(request.out) as folder:
         for view, target in zip(views, request.targets, strict=False):
             folder.write(view.picture, encode_mask(target.asked))
+            if (came := target.given) is not None:
+                folder.write(f"given-{view.name}{came.suffix}", came.data)
         made = {"views": tuple(views), "pose": make_pose(np.eye(4))}
         folder.write("scene.toml", dump_scene(request.scene.model_copy(update=made)))
         folder.write("report.json", "{}")
