@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -62,14 +62,17 @@ def part_checks(
     whole = mesh if printed is None else printed
     if _is_upright(scene) and mesh is not None:
         mesh = part_bars(mesh).strands
-    checks = _check_lines(mesh, curves, scene, seconds, skip)
-    checks += _leave_out(["tube"], skip) or [_check_tube(mesh, curves, scene, seconds)]
-    checks += _leave_out(["mount"], skip) or [_check_mount(mesh, curves, scene, seconds)]
-    checks += _check_surface(mesh, curves, scene, seconds, skip, whole, wall_mm)
-    if scene is None or not _is_upright(scene) or set(UPRIGHT) <= set(skip):
+    piece = _Piece(mesh, whole, curves, scene, seconds, skip, wall_mm)
+    checks = [
+        *piece.check_lines(),
+        *(piece.leave_out(["tube"]) or [piece.check_tube()]),
+        *(piece.leave_out(["mount"]) or [piece.check_mount()]),
+        *piece.check_surface(),
+    ]
+    if scene is None or not piece.is_upright or set(UPRIGHT) <= set(skip):
         return checks
     with time_stage(seconds, "upright"):
-        return [*checks, *_check_feet(whole, curves, scene)]
+        return [*checks, *piece.check_feet(scene)]
 
 
 def _is_upright(scene: Scene | None) -> bool:
@@ -82,151 +85,182 @@ def _is_upright(scene: Scene | None) -> bool:
     )
 
 
-def _check_feet(mesh: Mesh | None, curves: Curves | None, scene: Scene) -> list[Check]:
-    """Check what knots.json says of feet and bars against the part as it is printed."""
-    if mesh is None or curves is None or curves.radius_mm is None or not mesh.usable:
-        why = f"not given the {'knots' if mesh is not None and mesh.usable else 'part'}"
-        return [skip_check(name, why, required=mesh is not None) for name in ("cut", "bars")]
-    own, parted = curves.scaled(1 / scene.material.shrinks_to), part_bars(mesh)
-    cut = skip_check("cut", "its feet end in the mount")
-    if not _is_mounted(scene):
-        cut = check_cut(mesh, own)
-    assert own.radius_mm is not None
-    try:
-        layers = slice_layers(parted.strands, scene.printer.layer_height_mm)
-    except TooMuchWork as error:
-        return [cut, skip_check("bars", f"not tested: {error}", required=True)]
-    return [cut, check_bars(layers, parted.bars, own.bars, 1.25 * own.radius_mm)]
+@dataclass(frozen=True)
+class _Piece:
+    """What there is of a piece; `mesh` is the part without break-away bars, `whole` as it is printed."""
 
+    mesh: Mesh | None
+    whole: Mesh | None
+    curves: Curves | None
+    scene: Scene | None
+    seconds: dict[str, float]
+    skip: Collection[str]
+    wall_mm: float
 
-def _check_surface(
-    mesh: Mesh | None,
-    curves: Curves | None,
-    scene: Scene | None,
-    seconds: dict[str, float],
-    skip: Collection[str],
-    printed: Mesh | None,
-    wall_mm: float,
-) -> list[Check]:
-    """Check the surface, the region and the printability."""
-    left = _leave_out(PRINTING, skip)
-    # printability is meaningless on a broken surface: if it is asked for, the surface is checked too
-    checks = (left and _leave_out(MESH, skip)) or _check_mesh(mesh, curves, scene, seconds)
-    if mesh is not None and scene is not None and scene.mount.kind == "hang":
-        checks += _leave_out(HELD, skip) or [_check_level(mesh, scene)]
-    printed = mesh if printed is None else printed
-    if scene is None:
-        checks += [skip_check(name, "not given the scene") for name in ("region", "build_volume")]
-    else:
-        with time_stage(seconds, "region"):
-            pose = None if scene.pose is None else scene.pose.matrix
-            checks.append(check_region(scene.region, pose, curves, mesh, scene.surface))
-            checks.append(_check_build_volume(printed, scene))
-    return checks + (left or _check_printability(printed, curves, scene, checks, seconds, wall_mm))
+    @property
+    def is_upright(self) -> bool:
+        return _is_upright(self.scene)
 
+    @property
+    def is_mounted(self) -> bool:
+        return self.scene is not None and self.scene.mount.kind != "none"
 
-def _leave_out(names: Collection[str], skip: Collection[str]) -> list[Check]:
-    """Skip a group of checks that nobody asked for; return nothing if any of them was."""
-    asked = not set(names) <= set(skip)
-    return [] if asked else [skip_check(name, "left out on request") for name in names]
+    def leave_out(self, names: Collection[str]) -> list[Check]:
+        """Skip a group of checks that nobody asked for; return nothing if any of them was."""
+        asked = not set(names) <= set(self.skip)
+        return [] if asked else [skip_check(name, "left out on request") for name in names]
 
+    def check_lines(self) -> list[Check]:
+        """Check that centre lines were found, the gaps between strands, and the knot types."""
+        line, found = self._find_lines()
+        kinds = self.leave_out(KNOTS) or self._check_knots(self.curves or found)
+        if found is not None:
+            kinds = [replace(kind, required=False) for kind in kinds]
+        elif self.curves is None and line.status == "fail":
+            kinds = [skip_check(k.name, f"not given the knots; {line.detail}") for k in kinds]
+        return [line, *(self.leave_out(["clearance"]) or [self._check_gap(found)]), *kinds]
 
-def _check_lines(
-    mesh: Mesh | None,
-    curves: Curves | None,
-    scene: Scene | None,
-    seconds: dict[str, float],
-    skip: Collection[str],
-) -> list[Check]:
-    """Check that centre lines were found, the gaps between strands, and the knot types."""
-    line, found = _find_lines(mesh, curves, scene, seconds, skip)
-    kinds = _leave_out(KNOTS, skip) or _check_knots(mesh, curves or found, scene, seconds)
-    if found is not None:
-        kinds = [replace(kind, required=False) for kind in kinds]
-    elif curves is None and line.status == "fail":
-        kinds = [skip_check(k.name, f"not given the knots; {line.detail}") for k in kinds]
-    gap = _leave_out(["clearance"], skip) or [_check_gap(mesh, curves, scene, seconds, found)]
-    return [line, *gap, *kinds]
+    def _find_lines(self) -> tuple[Check, Curves | None]:
+        """Find the centre lines of a part that came without any, with the check that reports them."""
+        why = None
+        if self.mesh is None:
+            why = "not given the part"
+        elif self.curves:
+            why = "given with the knots"
+        elif self.is_mounted:
+            why = "a part with a mount is more than tubes"
+        if self.mesh is None or why is not None or "centre_line" in self.skip:
+            return skip_check("centre_line", why or "left out on request"), None
+        with time_stage(self.seconds, "centre line"):
+            return check_centre_lines(self.mesh)
 
+    def _check_gap(self, found: Curves | None) -> Check:
+        """Check the gaps between strands; if there are no curves, those that were `found` separate them."""
+        mesh, curves, scene = self.mesh, self.curves, self.scene
+        if mesh is None:
+            return skip_check("clearance", "not given the part")
+        with time_stage(self.seconds, "clearance"):
+            required = (
+                scene.piece.clearance_mm if scene is not None and curves is not None else None
+            )
+            strands = _keep_strands(mesh, curves) if self.is_mounted else mesh
+            gap = check_clearance(strands, curves or found, required)
+        return gap if found is None else replace(gap, required=False)
 
-def _find_lines(
-    mesh: Mesh | None,
-    curves: Curves | None,
-    scene: Scene | None,
-    seconds: dict[str, float],
-    skip: Collection[str],
-) -> tuple[Check, Curves | None]:
-    """Find the centre lines of a part that came without any, with the check that reports them."""
-    why = "not given the part" if mesh is None else "given with the knots" if curves else None
-    if why is None and _is_mounted(scene):
-        why = "a part with a mount is more than tubes"
-    if mesh is None or why is not None or "centre_line" in skip:
-        return skip_check("centre_line", why or "left out on request"), None
-    with time_stage(seconds, "centre line"):
-        return check_centre_lines(mesh)
+    def _check_knots(self, curves: Curves | None) -> list[Check]:
+        scene = self.scene
+        if curves is None:
+            return [skip_check(name, "not given the knots") for name in KNOTS]
+        with time_stage(self.seconds, "thickness"):
+            checks = _check_curves(curves, scene)
+        with time_stage(self.seconds, "knot type"):
+            promised = scene.promised if scene else None
+            kinds = _count_knots(curves, scene, knot_checks(curves, promised))
+        # a part is built of unlinked unknots; curves alone are asked for their thickness, and keep what
+        # their own file promises
+        return checks + [
+            kind
+            if self.mesh is not None or (curves.stated and _breaks_promise(kind))
+            else replace(kind, required=False)
+            for kind in kinds
+        ]
 
+    def check_tube(self) -> Check:
+        """Check that the surface is the tube around the curves."""
+        if self.mesh is None:
+            return skip_check("tube", "not given the part")
+        asked = None if self.scene is None else self.scene.piece.tube_radius_mm
+        mounted = self.is_mounted
+        with time_stage(self.seconds, "tube"):
+            flat = self.is_upright and not mounted
+            return check_tube(self.mesh, self.curves, mounted=mounted, asked_mm=asked, flat=flat)
 
-def _check_mesh(
-    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
-) -> list[Check]:
-    if mesh is None:
-        return [skip_check(name, "not given the part") for name in MESH]
-    with time_stage(seconds, "mesh"):
-        if scene is None or scene.mount.kind == "none":
-            if curves is None or not _is_upright(scene):
-                return check_mesh(mesh, curves)
-            # tubes that are cut flat fall short of Pappus' volume: the check `tube` reports the cut
-            holes = [1 if closed else 0 for closed in curves.closed]
-            return check_mesh(mesh, bodies=len(holes), genus=holes)
-        bodies, genus = _predict_topology(scene.mount, curves)
-        return check_mesh(mesh, bodies=bodies, genus=genus)
+    def check_mount(self) -> Check:
+        """Check that the mount's members are whole, and that nothing else joins strands."""
+        mesh, curves, scene = self.mesh, self.curves, self.scene
+        if scene is None or not self.is_mounted:
+            return skip_check("mount", "not given a scene with a mount")
+        if mesh is None or curves is None:
+            return skip_check("mount", f"not given the {'part' if mesh is None else 'knots'}")
+        with time_stage(self.seconds, "tube"):
+            if isinstance(asked := asked_of_mount(scene), str):
+                return Check("mount", "fail", True, "unknown", None, "", asked)
+            return check_mount(mesh, curves, asked)
 
+    def check_surface(self) -> list[Check]:
+        """Check the surface, the region and the printability."""
+        mesh, scene = self.mesh, self.scene
+        left = self.leave_out(PRINTING)
+        # printability is meaningless on a broken surface: if it is asked for, the surface is checked too
+        checks = (left and self.leave_out(MESH)) or self._check_mesh()
+        if mesh is not None and scene is not None and scene.mount.kind == "hang":
+            checks += self.leave_out(HELD) or [_check_level(mesh, scene)]
+        if scene is None:
+            names = "region", "build_volume"
+            checks += [skip_check(name, "not given the scene") for name in names]
+        else:
+            with time_stage(self.seconds, "region"):
+                pose = None if scene.pose is None else scene.pose.matrix
+                checks.append(check_region(scene.region, pose, self.curves, mesh, scene.surface))
+                checks.append(_check_build_volume(self.whole, scene))
+        return checks + (left or self._check_printability(checks))
 
-def _check_tube(
-    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
-) -> Check:
-    """Check that the surface is the tube around the curves."""
-    if mesh is None:
-        return skip_check("tube", "not given the part")
-    asked = None if scene is None else scene.piece.tube_radius_mm
-    with time_stage(seconds, "tube"):
-        flat = _is_upright(scene) and not _is_mounted(scene)
-        return check_tube(mesh, curves, mounted=_is_mounted(scene), asked_mm=asked, flat=flat)
+    def _check_mesh(self) -> list[Check]:
+        mesh, curves, scene = self.mesh, self.curves, self.scene
+        if mesh is None:
+            return [skip_check(name, "not given the part") for name in MESH]
+        with time_stage(self.seconds, "mesh"):
+            if scene is None or scene.mount.kind == "none":
+                if curves is None or not self.is_upright:
+                    return check_mesh(mesh, curves)
+                # tubes cut flat fall short of Pappus' volume: the check `tube` reports the cut
+                holes = [1 if closed else 0 for closed in curves.closed]
+                return check_mesh(mesh, bodies=len(holes), genus=holes)
+            bodies, genus = _predict_topology(scene.mount, curves)
+            return check_mesh(mesh, bodies=bodies, genus=genus)
 
+    def _check_printability(self, before: Sequence[Check]) -> list[Check]:
+        """Check printability if the surface is sound enough for it to mean something."""
+        mesh, curves, scene = self.whole, self.curves, self.scene
+        if mesh is None:
+            return [skip_check(name, "not given the part") for name in PRINTING]
+        broken = [c.name for c in before if c.name in MESH and c.status == "fail" and c.required]
+        stands = scene is not None and scene.mount.kind == "stand"
+        proud = None
+        if curves is not None and curves.radius_mm is not None:
+            as_printed = 1 / scene.material.shrinks_to if scene is not None else 1.0
+            proud = partial(measure_proud, mesh, curves.scaled(as_printed))
+        upright = None
+        if scene is not None and self.is_upright:
+            upright = Upright(mesh, scene.material.young_modulus_mpa, self.wall_mm)
+            mesh = part_bars(mesh).strands
+        return printability_checks(
+            mesh,
+            scene.printer if scene is not None else None,
+            seconds=self.seconds,
+            stands=stands,
+            desk=_turn_upright(scene) if stands else None,
+            lacking=f"the surface is broken ({', '.join(broken)})" if broken else None,
+            proud=proud,
+            upright=upright,
+        )
 
-def _check_mount(
-    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
-) -> Check:
-    """Check that the mount's members are whole, and that nothing else joins strands."""
-    if scene is None or not _is_mounted(scene):
-        return skip_check("mount", "not given a scene with a mount")
-    if mesh is None or curves is None:
-        return skip_check("mount", f"not given the {'part' if mesh is None else 'knots'}")
-    with time_stage(seconds, "tube"):
-        if isinstance(asked := asked_of_mount(scene), str):
-            return Check("mount", "fail", True, "unknown", None, "", asked)
-        return check_mount(mesh, curves, asked)
-
-
-def _check_gap(
-    mesh: Mesh | None,
-    curves: Curves | None,
-    scene: Scene | None,
-    seconds: dict[str, float],
-    found: Curves | None,
-) -> Check:
-    """Check the gaps between strands; if the part has no curves, those that were `found` separate them."""
-    if mesh is None:
-        return skip_check("clearance", "not given the part")
-    with time_stage(seconds, "clearance"):
-        required = scene.piece.clearance_mm if scene is not None and curves is not None else None
-        strands = _keep_strands(mesh, curves) if _is_mounted(scene) else mesh
-        gap = check_clearance(strands, curves or found, required)
-    return gap if found is None else replace(gap, required=False)
-
-
-def _is_mounted(scene: Scene | None) -> bool:
-    return scene is not None and scene.mount.kind != "none"
+    def check_feet(self, scene: Scene) -> list[Check]:
+        """Check what knots.json says of feet and bars against the part as it is printed."""
+        mesh, curves = self.whole, self.curves
+        if mesh is None or curves is None or curves.radius_mm is None or not mesh.usable:
+            why = f"not given the {'knots' if mesh is not None and mesh.usable else 'part'}"
+            return [skip_check(name, why, required=mesh is not None) for name in ("cut", "bars")]
+        own, parted = curves.scaled(1 / scene.material.shrinks_to), part_bars(mesh)
+        cut = skip_check("cut", "its feet end in the mount")
+        if not self.is_mounted:
+            cut = check_cut(mesh, own)
+        assert own.radius_mm is not None
+        try:
+            layers = slice_layers(parted.strands, scene.printer.layer_height_mm)
+        except TooMuchWork as error:
+            return [cut, skip_check("bars", f"not tested: {error}", required=True)]
+        return [cut, check_bars(layers, parted.bars, own.bars, 1.25 * own.radius_mm)]
 
 
 def _keep_strands(mesh: Mesh, curves: Curves | None) -> Mesh:
@@ -266,25 +300,6 @@ def _check_level(mesh: Mesh, scene: Scene) -> Check:
     return check_level(mesh, threads, up)
 
 
-def _check_knots(
-    mesh: Mesh | None, curves: Curves | None, scene: Scene | None, seconds: dict[str, float]
-) -> list[Check]:
-    if curves is None:
-        return [skip_check(name, "not given the knots") for name in KNOTS]
-    with time_stage(seconds, "thickness"):
-        checks = _check_curves(curves, scene)
-    with time_stage(seconds, "knot type"):
-        kinds = _count_knots(curves, scene, knot_checks(curves, scene.promised if scene else None))
-    # a part is built of unlinked unknots; curves alone are asked for their thickness, and keep what
-    # their own file promises
-    return checks + [
-        kind
-        if mesh is not None or (curves.stated and _breaks_promise(kind))
-        else replace(kind, required=False)
-        for kind in kinds
-    ]
-
-
 def _count_knots(
     curves: Curves, scene: Scene | None, found: tuple[Check, Check]
 ) -> tuple[Check, Check]:
@@ -309,42 +324,6 @@ def _check_build_volume(mesh: Mesh | None, scene: Scene) -> Check:
         why = "the scene names a printer without its build_volume_mm"
         return skip_check("build_volume", why)
     return check_build_volume(mesh, room)
-
-
-def _check_printability(
-    mesh: Mesh | None,
-    curves: Curves | None,
-    scene: Scene | None,
-    before: Sequence[Check],
-    seconds: dict[str, float],
-    wall_mm: float,
-) -> list[Check]:
-    """Check printability if the surface is sound enough for it to mean something."""
-    if mesh is None:
-        return [skip_check(name, "not given the part") for name in PRINTING]
-    broken = [c.name for c in before if c.name in MESH and c.status == "fail" and c.required]
-    lacking = f"the surface is broken ({', '.join(broken)})" if broken else None
-    printer = scene.printer if scene is not None else None
-    stands = scene is not None and scene.mount.kind == "stand"
-    desk = _turn_upright(scene) if stands else None
-    proud = None
-    if curves is not None and curves.radius_mm is not None:
-        as_printed = 1 / scene.material.shrinks_to if scene is not None else 1.0
-        proud = partial(measure_proud, mesh, curves.scaled(as_printed))
-    upright = None
-    if scene is not None and _is_upright(scene):
-        upright = Upright(mesh, scene.material.young_modulus_mpa, wall_mm)
-        mesh = part_bars(mesh).strands
-    return printability_checks(
-        mesh,
-        printer,
-        seconds=seconds,
-        stands=stands,
-        desk=desk,
-        lacking=lacking,
-        proud=proud,
-        upright=upright,
-    )
 
 
 def _turn_upright(scene: Scene | None) -> Array | None:
