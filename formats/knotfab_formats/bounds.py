@@ -64,9 +64,8 @@ Angle = Annotated[float, Strict(), Field(ge=-90, le=90)]
 Turn = Annotated[float, Strict(), Field(ge=-3600, le=3600)]
 Density = Annotated[float, Strict(), Field(ge=1e-3, le=25)]  # from aerogel to osmium
 Modulus = Annotated[float, Strict(), Field(ge=1e-3, le=2e6)]  # MPa
-Ratio = Annotated[
-    float, Strict(), Field(ge=0, le=1e6)
-]  # ambient light over the lamp's own, and areas in m²
+# ambient light over the lamp's own, and areas in m²
+Ratio = Annotated[float, Strict(), Field(ge=0, le=1e6)]
 Volume = Annotated[float, Strict(), Field(ge=0, le=1e9)]  # cm³
 Amount = Annotated[float, Strict(), Field(gt=0, le=1e5)]  # hours, grams
 Pixels = Annotated[float, Strict(), Field(gt=0, le=1024)]

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-PROCESS = {
-    "form-3": "resin",
-    "sls": "powder",
-    "hp-mjf": "powder",
-}  # of printers by name; else filament
+# of printers by name; else filament
+PROCESS = {"form-3": "resin", "sls": "powder", "hp-mjf": "powder"}
 OUTLINE_PX = {"sketch": 1.5, "draft": 1.0}  # most error of the outline by accuracy; else 0.5
 MODULUS_MPA = {
     "abs": 2100.0,

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 
-MEASURING = (
-    900,
-    12.0,
-)  # processor seconds on each core, and GB of memory, to read and measure one piece
+# processor seconds on each core, and GB of memory, to read and measure one piece
+MEASURING = 900, 12.0
 
 
 def limit_process(seconds: float, gigabytes: float) -> None:

@@ -226,12 +226,8 @@ class Sequence(Table):
     """The last frame leads back to the first (false: --no-loop)."""
 
 
-ON_FEET = (
-    "roots",
-    "rounded",
-    "full",
-    "outline",
-)  # plates in which a piece stands by its own valleys
+# plates in which a piece stands by its own valleys
+ON_FEET = ("roots", "rounded", "full", "outline")
 
 
 class Mount(Table):

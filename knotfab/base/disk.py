@@ -17,9 +17,8 @@ from knotfab.base.errors import why_of
 from knotfab_formats import disk
 from knotfab_formats.errors import InputError
 
-_fcntl: Any = (
-    importlib.import_module("fcntl") if os.name == "posix" else None
-)  # Windows has no such locks
+# Windows has no such locks
+_fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 MOST_TEXT = 64 * 2**20  # bytes of a file of settings or knots
 
 

@@ -140,9 +140,8 @@ _UNITS_MM = {"": 1.0, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _UNITS_MM |= dict.fromkeys(("in", "inch", "inches", '"', "″"), 25.4)
 _PLAIN = r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:e[+-]?\d+)?"
 _LENGTH = re.compile(rf"({_PLAIN})\s*(\D*)", re.IGNORECASE)
-_TWO_WAYS = re.compile(
-    r"[+-]?[1-9]\d{0,2},\d{3}"
-)  # "1,500" is 1.5 to some readers and 1500 to others
+# "1,500" is 1.5 to some readers and 1500 to others
+_TWO_WAYS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 
 
 def read_number(what: str, text: str) -> float:

@@ -23,9 +23,8 @@ REJECTED = "rejected"
 HIDDEN = ".knotfab-"
 _DO, _UNDO, _SEAL = "moves.json", "undo.json", "seal"
 _PLAIN = re.compile(r"[^./\\:\0-\x1f][^/\\:\0-\x1f]*")  # a name of this folder, on every system
-_DEVICES = re.compile(
-    r"(?i)(con|prn|aux|nul|com\d|lpt\d)\s*(\.|\Z)"
-)  # files that Windows has everywhere
+# files that Windows has everywhere
+_DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)\s*(\.|\Z)")
 _PASSING = secrets.token_bytes(32)  # the secret of a process whose user can keep none
 
 # from a place in the hidden folder (None: nothing comes) to one in DIR

@@ -136,9 +136,8 @@ def _list_files(path: Path, what: str) -> list[Path]:
     """Return the pictures of a folder, or the files that match a pattern."""
     try:
         if path.is_dir():
-            frames = PICTURE_SUFFIXES - {
-                ".gif"
-            }  # a GIF beside frames is the animation that they make
+            # a GIF beside frames is the animation that they make
+            frames = PICTURE_SUFFIXES - {".gif"}
             return [p for p in path.iterdir() if is_picture(p, frames)]
         return [p for p in path.parent.glob(path.name) if p.is_file() and p.name[0] != "."]
     except OSError as error:

@@ -169,9 +169,8 @@ def _ruled(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
         ways += bool(even and along.mean() <= 0.4)
         if along.mean() > 0.1 and not even:
             return None
-        own = np.where(
-            along, np.median(away, axis=1 - axis), 0.0
-        )  # how far each line is from paper
+        # how far each line is from paper
+        own = np.where(along, np.median(away, axis=1 - axis), 0.0)
         own = np.maximum(own, np.maximum(np.roll(own, 1), np.roll(own, -1)))
         near |= away <= 1.5 * np.expand_dims(own, 1 - axis)
         most = max(most, float(own.max()))

@@ -86,9 +86,8 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> Ink:
             f"nothing in it is near {reading.ink}",
             "Name a colour that it has; `knotfab preview` without --ink tells its colours.",
         )
-    called = _word_of(
-        np.median(colours[near & opaque], axis=0)
-    )  # may differ from the one asked for
+    # may differ from the one asked for
+    called = _word_of(np.median(colours[near & opaque], axis=0))
     exact = f"[what differs from {reading.ink} by less than {share}]"
     return Ink(near & opaque, f"what is {called} {exact}")
 

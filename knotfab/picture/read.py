@@ -325,9 +325,8 @@ def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: in
         reading, told = guess_reading(image, reading, what)
         notes = (*notes, *told)
         if shrunk > 1 and asked.crop_px is False and reading.crop_px is not False:
-            return _take_target(
-                data, what, name, asked, 0
-            )  # a thin frame, to be told in its own px
+            # a thin frame, to be told in its own px
+            return _take_target(data, what, name, asked, 0)
         mask, rule = raster.silhouette(image, what, reading, shrunk)
     except InputError:
         if frames == 1:

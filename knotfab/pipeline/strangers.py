@@ -42,9 +42,8 @@ OBJ = re.compile(
     rb"(?:\xef\xbb\xbf)?\s*(?:(?:#|mtllib\b|usemtl\b|[ogs]\b)[^\r\n]*[\r\n]\s*)*v\s+[-+.\d]"
 )
 FACE = re.compile(rb"^[ \t]*f[ \t][^\r\n]*", re.MULTILINE)
-RELATIVE = re.compile(
-    rb"\s(?:-\d|0+(?:[/\s]|$))"
-)  # indices that trimesh takes from the whole file's end
+# indices that trimesh takes from the whole file's end
+RELATIVE = re.compile(rb"\s(?:-\d|0+(?:[/\s]|$))")
 SURFACE = re.compile(  # free-form surfaces, and other files
     rb"^[ \t]*(cstype|deg|bmat|step|curv2?|surf|parm|trim|hole|scrv|sp|con|ctech|stech|call|csh|bzp|bsp|"
     rb"cdc|cdp|res|fo)\s",

@@ -41,9 +41,8 @@ class _Light(Optimizer):
         super().__init__(self.tensors, {})
 
     def __getstate__(self) -> dict[str, Any]:
-        return dict(
-            self.__dict__
-        )  # torch's own keeps its own keys alone, and a copy would lack the rest
+        # torch's own keeps its own keys alone, and a copy would lack the rest
+        return dict(self.__dict__)
 
     def zero_grad(self, set_to_none: bool = True) -> None:
         for tensor in self.tensors:

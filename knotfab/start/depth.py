@@ -238,9 +238,8 @@ class _Judge:
         # the gain must exceed the noise both with and without the other costs
         if min(parting, other + parting) <= _NOISE:
             return most
-        return (
-            floor(1e4 * float(extents[best])) / 1e4
-        )  # so that a rebuild from the number is the same
+        # so that a rebuild from the number is the same
+        return floor(1e4 * float(extents[best])) / 1e4
 
     def legibility(self, parts: list[Array], at_most: float = inf) -> float:
         """Estimate how legible the picture is from 45 and 30° to the side, plus a cost of strands too close.

@@ -117,11 +117,8 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
 
 # Circles as a start, as in the paper: unknots that are far from the pictures.
 
-_WAVES, _OUTLINE, _FITS = (
-    4,
-    300,
-    30,
-)  # waves, outline samples and rounds of fitting a circle's depth
+# waves, outline samples and rounds of fitting a circle's depth
+_WAVES, _OUTLINE, _FITS = 4, 300, 30
 
 
 def start_at_circles(

@@ -178,9 +178,8 @@ def _pieces(lattice: Lattice, worth: Array, parts: Indices) -> tuple[list[Indice
     names, sizes = np.unique(piece, return_counts=True)
     left, found = worth.copy(), []
     least = _LEAST * edge_worth(lattice, worth)
-    bare = np.bincount(
-        parts
-    )  # cells of each piece of a picture, and those that nothing draws so far
+    # cells of each piece of a picture, and those that nothing draws so far
+    bare = np.bincount(parts)
     most = (1.0 - _MOST) * bare
     for name in names[np.argsort(-sizes, kind="stable")]:
         mine = squares[piece == name]

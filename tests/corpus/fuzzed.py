@@ -63,9 +63,8 @@ def fuzz_file(seed: int) -> Hostile:
     name = rng.choice(sorted(files))
     alter = _renumber if among else change
     content = bytearray(files[name])
-    if name.endswith("3mf") and (
-        among or rng.random() < 0.7
-    ):  # inside the archive, not the archive
+    # inside the archive, not the archive
+    if name.endswith("3mf") and (among or rng.random() < 0.7):
         with zipfile.ZipFile(io.BytesIO(files[name])) as file:
             entries: dict[str, str | bytes] = {n: file.read(n) for n in file.namelist()}
         model = "3D/3dmodel.model"

@@ -318,10 +318,8 @@ def test_lamps_keep_their_bounds_and_given_distances() -> None:
     assert all(abs(v.light_right_mm) <= 150 and abs(v.light_up_mm) <= 40 for v in placed.views)
     assert {(v.light_distance_mm, v.wall_distance_mm) for v in placed.views} == {(700, 400)}
     assert "1100 mm" in told[0]
-    assert place_lamps(placed, masks()) == (
-        placed,
-        (),
-    )  # fixed: a rebuild finds them where they are
+    # fixed: a rebuild finds them where they are
+    assert place_lamps(placed, masks()) == (placed, ())
     assert parse_scene(dump_scene(placed)) == placed
 
 

@@ -142,9 +142,8 @@ def test_a_flat_leg_gets_an_arch_so_that_all_are_steep(arches: int, flank_deg: f
     assert len(find_legs([after])) == 3 * len(find_legs([before]))
     for leg in find_legs([after]):
         away = np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum()
-        assert (
-            np.degrees(np.arctan2(np.ptp(leg.points[:, 2]), away)) > 44.0
-        )  # 46 less what peaks round
+        # 46 less what peaks round
+        assert np.degrees(np.arctan2(np.ptp(leg.points[:, 2]), away)) > 44.0
 
 
 @pytest.mark.parametrize(

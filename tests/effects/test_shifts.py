@@ -48,9 +48,8 @@ def test_what_may_sag_shifts_no_shadow_by_more_than_an_eighth_and_a_quarter_of_i
     worst = 0.0
     for one in views:
         seen = Shadows.from_points(one, RING)
-        wide = (
-            2.0 * 2.0 * one.magnification / 8
-        )  # of strands in the middle: those before it are wider
+        # of strands in the middle: those before it are wider
+        wide = 2.0 * 2.0 * one.magnification / 8
         shift = shifts_mm(seen, ways[:, None], 0.0)
         magnified = shifts_mm(seen, 1e-3 * seen.wall.axes[:1, None], 0.0)[0] / 1e-3
         allowed = 4.0 * magnified / 8 + blurs_mm(seen, 2.0) / 4

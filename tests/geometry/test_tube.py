@@ -140,10 +140,8 @@ def test_corners_lie_on_the_ring_around_both_segments() -> None:
     p = trefoil(300)
     rings, _ = place_rings(p, 1.0, 12)
     step = 2 * np.pi / 12
-    for shift in (
-        0,
-        1,
-    ):  # the segment that starts at the ring's vertex, and the one that ends there
+    # the segment that starts at the ring's vertex, and the one that ends there
+    for shift in (0, 1):
         along = np.roll(p, shift - 1, axis=0) - np.roll(p, shift, axis=0)
         along /= np.linalg.norm(along, axis=1)[:, None]
         distance = np.linalg.norm(np.cross(rings - p[:, None], along[:, None]), axis=2)

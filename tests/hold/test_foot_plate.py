@@ -71,9 +71,8 @@ def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(
     # what the scene tells the validators
     assert Mount(pegs=found.plate.handles).pegs == tuple(n if n > 1 else 0 for n in feet)
     mount = WallMount(pegs=(), settings=asked, **vars(found))
-    (body,) = wall_bodies(
-        tubes, mount, CAMERA
-    )  # raises where the genus is not that of feet and holes
+    # raises where the genus is not that of feet and holes
+    (body,) = wall_bodies(tubes, mount, CAMERA)
     assert body[0][:, 2].min() == pytest.approx(-WALL - 1.6)
     assert found.sag_mm < 0.2
 

@@ -84,9 +84,8 @@ def test_a_thread_elsewhere_is_rejected(threads: int) -> None:
 
 
 def test_a_slack_thread_is_told() -> None:
-    heavy, other = sweep(
-        ring(30.0, wave=0.0), 8.0, 24
-    )  # far to one side, so that it is all the weight
+    # far to one side, so that it is all the weight
+    heavy, other = sweep(ring(30.0, wave=0.0), 8.0, 24)
     line = sweep(ring(40.0, wave=0.0), RADIUS, 24)
     solid = as_manifold(line) + as_manifold((heavy + [60.0, 0.0, 0.0], other))
     top = np.array([[np.sin(t), np.cos(t), 0.0] for t in (-0.6, 0.6)]) * (40.0 - RADIUS)

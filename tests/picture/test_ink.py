@@ -372,12 +372,8 @@ def test_the_seam_of_two_colours_that_mix_is_no_dust(tmp_path: Path) -> None:
     teeth = mouth & (np.indices((SIDE, SIDE))[0] < 74)
     pixels = np.array(large)
     pixels[teeth] = (*WHITE, 255)
-    pixels[teeth & (np.indices((SIDE, SIDE))[0] == 73)] = (
-        200,
-        170,
-        90,
-        255,
-    )  # nearer to the face than to either
+    # nearer to the face than to either
+    pixels[teeth & (np.indices((SIDE, SIDE))[0] == 73)] = (200, 170, 90, 255)
     target = read(tmp_path, Image.fromarray(pixels))
     np.testing.assert_array_equal(target.mask, BADGE & ~mouth)
     whisker = np.array(large)

@@ -37,9 +37,8 @@ def test_three_lamps_mix_the_eight_corners_of_the_cube() -> None:
     lit = mixtures_of(RGB, ambient=0.1)
     assert lit[0] == pytest.approx([1, 1, 1]) and 0 < lit[7].max() < 0.4
     warm = mixtures_of(np.array([[1.0, 0.5, 0.2], [1.0, 1.0, 1.0]]))
-    assert (
-        warm[0] == pytest.approx([1, 1, 1]) and warm[1][2] > warm[1][0]
-    )  # bluish without warm light
+    # bluish without warm light
+    assert warm[0] == pytest.approx([1, 1, 1]) and warm[1][2] > warm[1][0]
 
 
 def test_each_lamp_is_hidden_where_its_light_is_not_wanted() -> None:

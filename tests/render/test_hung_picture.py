@@ -45,9 +45,8 @@ def test_the_wall_is_dark_where_the_lamp_is_hidden_and_light_beside_it(turn: flo
     middle = shadow.mean(axis=0)
     seen, _ = eye.project(shadow)
     body, _ = eye.project(turned)
-    away = (
-        np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > 25
-    )  # the wall is seen there
+    # the wall is seen there
+    away = np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > 25
     assert away.sum() > 200
     mid, out = (eye.project(middle + share * (shadow - middle))[0][away] for share in (1.0, 1.2))
     dark, light = (drawn[tuple(p[:, ::-1].astype(int).T)] for p in (mid, out))

@@ -116,9 +116,8 @@ def test_squares_that_share_a_node_are_two_pieces_until_joined() -> None:
     sights, _ = sights_of(ask_views([SQUARE, SQUARE], 0.0, 90.0).views, RADIUS)
     parted = draw_edges(lattice, opened, sights, RADIUS)
     even = np.ones_like(worth)
-    (alone,) = seed_curves(
-        parted, even, blank(even), None
-    )  # the other has no square without the shared node
+    # the other has no square without the shared node
+    (alone,) = seed_curves(parted, even, blank(even), None)
     with pytest.raises(ValueError, match="begin at one node"):
         grow_curves(parted, even, 1.0, [alone, np.append(alone[1:], node)], Growth())
     joined = join_pieces(parted, sights, even, blank(even), RADIUS, None)

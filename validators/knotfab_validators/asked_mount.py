@@ -19,10 +19,8 @@ from knotfab_validators.tube.solid_matter import (
 )
 
 THINNEST = 0.7  # least thickness of a sloping base at its thinnest, as a share of its nominal one
-MARK_MM, ARROW_MM = (
-    1.5,
-    0.6,
-)  # depth of the notches in a plate's edges, and of the arrow in its face
+# depth of the notches in a plate's edges, and of the arrow in its face
+MARK_MM, ARROW_MM = 1.5, 0.6
 
 
 def asked_of_mount(scene: Scene) -> Asked | str:

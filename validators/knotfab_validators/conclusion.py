@@ -22,10 +22,8 @@ from knotfab_validators.geometry.mesh import Mesh
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
 
-SMALL_MM, LARGE_MM = (
-    2.0,
-    2000.0,
-)  # a part with a longest side below or above these is asked for its unit
+# a part with a longest side below or above these is asked for its unit
+SMALL_MM, LARGE_MM = 2.0, 2000.0
 WORDS = {"3_1": "trefoil", "4_1": "figure-eight knot"}  # common names of knots
 LEAST_IOU = 0.5  # that a shadow needs to be coarse (docs/verdict.md)
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")

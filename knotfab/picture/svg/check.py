@@ -152,9 +152,8 @@ def _prune(parent: Element, notes: Notes) -> None:
             before = child
             continue
         empty = name == "flowRoot" and not "".join(child.itertext()).strip()
-        replaced = (
-            local_name(parent) == "switch" and len(parent) > 1
-        )  # by SVG that stands beside it
+        # by SVG that stands beside it
+        replaced = local_name(parent) == "switch" and len(parent) > 1
         if ours and name in _LEFT_OUT and not empty and not replaced:
             notes[_LEFT_OUT[name]] = None
         if child.tail and before is not None:

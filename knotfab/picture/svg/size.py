@@ -64,9 +64,8 @@ def set_pixel_size(root: Element, longer: int, what: str) -> float:
     box = _view_box(root, what)
     width = _pixels(root, "width", None if box is None else box[0], what)
     height = _pixels(root, "height", None if box is None else box[1], what)
-    if (
-        box is not None
-    ):  # a side that is not given follows from the other by the viewBox (CSS Images 3, 4.4)
+    # a side that is not given follows from the other by the viewBox (CSS Images 3, 4.4)
+    if box is not None:
         if width is None and height is None:
             width, height = box
         elif width is None and height is not None:

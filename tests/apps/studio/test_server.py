@@ -96,9 +96,8 @@ def test_the_token_becomes_a_cookie_that_only_this_page_sends(tmp_path: Path) ->
     answer = stranger.get(f"/?token={TOKEN}")
     cookie = answer.headers["set-cookie"].lower()
     assert "httponly" in cookie and "samesite=strict" in cookie
-    others = {
-        "cookie": f'prefs={{"a":1}}; knotfab-8000={TOKEN}'
-    }  # the cookie of another page on this machine
+    # the cookie of another page on this machine
+    others = {"cookie": f'prefs={{"a":1}}; knotfab-8000={TOKEN}'}
     assert TestClient(app, base_url=f"http://{HOST}").get("/", headers=others).status_code == 200
     page = stranger.get("/")
     assert page.status_code == 200 and TOKEN not in page.text

@@ -262,10 +262,8 @@ def test_bars_join_what_is_listed_and_nothing_else() -> None:
     thick = tuple(replace(b, width=1.4) for b in part.curves.bars)
     assert check_tied(replace(part, curves=replace(part.curves, bars=thick))).measured == 8
     assert "does not reach a strand with both ends" in check_tied(cut_short(part)).detail
-    for aside, wrong in (
-        (0.4, 0),
-        (0.6, 2),
-    ):  # mm; then it is not listed, and its listing not there
+    # mm; then it is not listed, and its listing not there
+    for aside, wrong in ((0.4, 0), (0.6, 2)):
         there = part.curves.bars[0]
         moved = replace(there, start=there.start + [0, aside, 0], end=there.end + [0, aside, 0])
         listed = replace(part.curves, bars=(moved, *part.curves.bars[1:]))

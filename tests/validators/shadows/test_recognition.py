@@ -131,9 +131,8 @@ def test_a_small_piece_turned_is_good_and_named() -> None:
     target = eye(17, 9)
     assert judge(eye(18, 9), target).word == "faithful"
     found = judge(eye(9, 17), target)
-    assert (
-        found.outline_p95_radii < RULES["faithful"].outline_radii
-    )  # the outline says nothing of it
+    # the outline says nothing of it
+    assert found.outline_p95_radii < RULES["faithful"].outline_radii
     assert found.word == "good" and found.misshapen == 1
     (loss,) = found.lost
     assert loss.what == "shape" and loss.sentence.startswith("a piece is drawn out of shape")

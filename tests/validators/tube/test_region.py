@@ -163,9 +163,8 @@ def test_a_strand_a_tenth_outside_is_refused_with_its_place(kind: str) -> None:
         assert check.measured == pytest.approx(out, abs=1e-9)
         assert check.status == status and check.required
         place = np.array(check.at[0]) - [7.0, 8.0, 9.0]
-        assert np.linalg.norm(place) == pytest.approx(
-            40.0
-        )  # on the curve, in the part's coordinates
+        # on the curve, in the part's coordinates
+        assert np.linalg.norm(place) == pytest.approx(40.0)
         assert kind == "sphere" or np.abs(place).max() == pytest.approx(40.0, abs=1e-6)
 
 

@@ -248,9 +248,8 @@ def parse_xml(
                 raise BadFile(
                     f"{name}: is not a 3MF file: it has a tag of more than {LONGEST} bytes"
                 )
-            if (
-                len(parser.intern) > 20_000
-            ):  # distinct names of elements and attributes: expat keeps each
+            # distinct names of elements and attributes: expat keeps each
+            if len(parser.intern) > 20_000:
                 raise BadFile(f"{name}: is not a 3MF file: its XML has too many names")
         parser.Parse(b"", True)
     except expat.ExpatError as error:

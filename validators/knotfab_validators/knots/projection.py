@@ -189,9 +189,8 @@ def _axes_across(towards: Array) -> Array:
 PRIMES = (7, 11)  # primes that distinguish all knots of the table whose other invariants are equal
 MOST_GUESSES = 3  # arcs whose colours are guessed, beside the first
 
-Relation = tuple[
-    int, int, int, int
-]  # arcs below before and after a crossing, the arc above it, and its sign
+# arcs below before and after a crossing, the arc above it, and its sign
+Relation = tuple[int, int, int, int]
 
 
 def cusp_counts(knot: PlanarDiagram, prime: int) -> tuple[int, ...] | None:

@@ -25,9 +25,8 @@ Signs = NDArray[np.int8]
 # precision floating-point arithmetic", 1997), which is at most 5.2 times the product of the rows.
 UNCERTAIN = 1e-14
 NUDGES = (1e-5, 1e-7, 1e-9)  # random shifts into general position, as shares of the shortest edge
-LEAST_SHIFT = (
-    64 * 2.0**-52
-)  # smallest shift, as a share of the coordinates, that rounding does not swallow
+# smallest shift, as a share of the coordinates, that rounding does not swallow
+LEAST_SHIFT = 64 * 2.0**-52
 MOST_PAIRS = 5_000_000  # pairs of triangles and edges to test: some seconds
 NEAREST_PAIRS = 300_000  # pairs of edges among which the nearest are looked for
 BLOCK = 256  # boxes queried at a time, to bound memory

@@ -202,9 +202,8 @@ def columns(mesh: Mesh, cell: float = CELL_MM) -> Columns:
     """
     flat = mesh.vertices[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
-    cell = max(
-        cell, float((high - low).max()) / 1000
-    )  # at most a thousand columns along the longer side
+    # at most a thousand columns along the longer side
+    cell = max(cell, float((high - low).max()) / 1000)
     corner = flat[mesh.faces]  # (m, 3, 2)
     while True:
         start = low + np.array(OFFSET) * cell
@@ -301,9 +300,8 @@ def _stretches(column: Ints, z: Array, facing: Ints, face: Ints) -> tuple[Ints, 
     good = np.repeat(depth[last] == 0, np.diff(new, append=len(column)))
     enters = np.flatnonzero(good & (depth == 1) & (facing > 0))
     leaves = np.flatnonzero(good & (depth == 0) & (facing < 0))
-    if len(enters) != len(
-        leaves
-    ):  # the axis is inside fewer than zero times: the mesh is wound inwards
+    # the axis is inside fewer than zero times: the mesh is wound inwards
+    if len(enters) != len(leaves):
         bad = np.unique(column[good & (depth < 0)])
         enters = enters[~np.isin(column[enters], bad)]
         leaves = leaves[~np.isin(column[leaves], bad)]

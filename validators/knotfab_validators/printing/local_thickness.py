@@ -17,9 +17,8 @@ from knotfab_validators.geometry.triangles import point_triangle, triangle_trian
 
 SAMPLE_MM = 1.2  # distance between samples; see `Probe`
 MOST_SAMPLES = 200_000
-FACING = float(
-    np.cos(np.radians(30.0))
-)  # the two sides of a wall or gap are at least this parallel
+# the two sides of a wall or gap are at least this parallel
+FACING = float(np.cos(np.radians(30.0)))
 SLIVER_MM = 1e-2  # a lower face has no reliable normal: nothing is measured from it
 SLANTING = float(np.cos(np.radians(75.0)))  # a face that slants more does not even hint at a gap
 SEED_MM = 3.0  # around narrower places, all faces are sampled

@@ -52,9 +52,8 @@ class TubeField:
             at, capsule = tree.query(shapely.points(some))
             np.maximum.at(best, first + at, self._value(some[at], capsule))
         far = np.flatnonzero(best < -MARGIN_PX * self.geometry.pixel_mm)
-        if len(
-            far
-        ):  # the nearest capsule may have been left out: try those whose middles are seen nearest
+        # the nearest capsule may have been left out: try those whose middles are seen nearest
+        if len(far):
             _, near = cKDTree(self.middles).query(pixels[far], k=min(16, len(self.middles)))
             near = np.asarray(near).reshape(len(far), -1)
             values = self._value(np.repeat(pixels[far], near.shape[1], axis=0), near.ravel())

@@ -351,9 +351,8 @@ def _is_on_edge(s: Array, length: Array) -> Mask:
 
 def _curve_point(elements: _Elements, k: int, s: float) -> CurvePoint:
     knot, number = int(elements.knot[k]), int(elements.number[k])
-    if (
-        elements.following[k] < 0
-    ):  # the last vertex of an open polygon is the end of the edge before
+    # the last vertex of an open polygon is the end of the edge before
+    if elements.following[k] < 0:
         return knot, number - 1, 1.0
     return knot, number, s / float(elements.length[k]) if elements.length[k] > 0 else 0.0
 

@@ -393,9 +393,8 @@ def _find_fused(mesh: Mesh, curves: Curves, radius: float) -> Array:
     foot = middle[edge]
     # all three corners lie on strands; on a single strand it would be the strand's own face
     apart = np.linalg.norm(foot - foot[:, [1, 2, 0]], axis=2).max(axis=1, initial=0.0)
-    short: Mask = np.less(
-        apart, 2.4 * radius
-    )  # in radii: distance of the centre lines that it joins
+    # in radii: distance of the centre lines that it joins
+    short: Mask = np.less(apart, 2.4 * radius)
     return _one_of_each(mesh, rest, short & np.greater(apart, radius))
 
 

@@ -108,9 +108,8 @@ def find_hollow(mesh: Mesh, solid: Solid) -> tuple[float, Array] | None:
         piece = clip_all(triangle, hull, allowed)
         if not len(piece) or any(o.depth(piece).min() >= -allowed for o in solid.openings):
             continue
-        piece = np.concatenate(
-            [piece, piece.mean(axis=0)[None]]
-        )  # all corners may lie at the limit
+        # all corners may lie at the limit
+        piece = np.concatenate([piece, piece.mean(axis=0)[None]])
         depth = hull.depth(piece)
         if depth.max() > worst:
             worst, at = float(depth.max()), piece[int(depth.argmax())]
