@@ -31,15 +31,13 @@ class TargetView:
 
     view: ResolvedView
     mask: Mask  # (H, W)
-    polygon: (
-        MultiPolygon  # the silhouette in the plane through the origin, along the view's axes, mm
-    )
+    # the silhouette in the plane through the origin, along the view's axes, mm
+    polygon: MultiPolygon
     # the part that the other views' pictures leave of it; None: all
     left: MultiPolygon | None = None
     lines: tuple[Array, ...] = ()  # centre lines in that plane, where strokes are drawn along them
-    ends: bool = (
-        False  # whether the screen ends at the frame, so that shadows beside it do not count
-    )
+    # whether the screen ends at the frame, so that shadows beside it do not count
+    ends: bool = False
 
     def image_at(
         self,

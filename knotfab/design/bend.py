@@ -30,9 +30,8 @@ _LESS = 0.8  # factor by which a sufficient bending is reduced while it stays su
 _FEWER = 5  # most reductions
 _MORE = 9  # further weights that are tried for all that could be reached, once the least is
 _PACE = 0.004  # length of a step, as a share of the height
-_PLACE = (
-    0.12  # uniform shift that costs as much as a uniform stretch of 1, as a share of the height
-)
+# uniform shift that costs as much as a uniform stretch of 1, as a share of the height
+_PLACE = 0.12
 _STIFF = 2.0  # stiffness of strokes and small holes, over that of areas
 _SLOPE = 0.45  # slope of the displacement above which it is penalised
 _FOLD = 3.0  # weight of that penalty

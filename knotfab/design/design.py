@@ -80,9 +80,8 @@ class Design:
     opening_iou: float
     settings: SearchSettings
     region_stl: bytes | None = None  # the file that the scene names, where the region is a mesh
-    start_json: bytes | None = (
-        None  # the knots that the search started from, where the scene names them
-    )
+    # the knots that the search started from, where the scene names them
+    start_json: bytes | None = None
     unmet: Feasibility | None = None
     binding: tuple[Price, ...] = ()
     bounds: tuple[HullBound, ...] = ()

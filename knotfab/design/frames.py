@@ -25,9 +25,8 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 from knotfab_formats.views import View
 
 LONGER_FRAME_MM = 180.0  # default length of a picture's longer side on the wall
-_SLIM = (
-    1.25  # strokes below this many widths of the tube's shadow are drawn along their centre lines
-)
+# strokes below this many widths of the tube's shadow are drawn along their centre lines
+_SLIM = 1.25
 _WIDEST = 0.25  # widest stroke, as a share of the picture's narrower side
 _ROOM = 1.1  # width of a filled stroke over that of the thinnest tube's shadow
 # reasons why only a single picture is drawn along its lines

@@ -20,9 +20,8 @@ from knotfab.picture.silhouette import holes_of, mask_iou, outline_px, pieces_of
 
 _PIXELS = 4.0  # resolution of the comparison, px per radius
 _LEAST_PX, _MOST_PX = 256, 1024  # limits on its longer side
-_SOLID = (
-    0.5  # outline times radius over area, below which most of a picture is wider than two tubes
-)
+# outline times radius over area, below which most of a picture is wider than two tubes
+_SOLID = 0.5
 _COVERED = 1.0 / 3.0  # share of a piece or hole that must be covered, or it is lost
 _SHARED = 0.25  # share of a piece that must be covered for it to join another
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii

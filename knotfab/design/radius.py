@@ -32,9 +32,8 @@ _WORSE = 0.03  # IoU that the start of a thinner tube may lack, which the search
 _THINNER = 0.75  # ratio of the next radius to the thinnest so far
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 _WORKERS = 2  # radii tried in parallel; the result does not depend on it
-_LONGER = (
-    1.4  # length of knots with depth over their template's; measured on examples: 1.42 to 1.46
-)
+# length of knots with depth over their template's; measured on examples: 1.42 to 1.46
+_LONGER = 1.4
 _FEW = 4  # depth profiles to try if only a feasible start is needed
 _KEPT: dict[str, _Trials] = {}  # trials of the last question, which a build shares with its preview
 

@@ -31,9 +31,8 @@ Faces = NDArray[np.int32]
 
 WITHIN_MM = 0.02  # from the centre line: a ring for each vertex would be finer than any layer
 _GENTLE = 2.0  # tube radii: where a line bends more than this, every vertex keeps its ring
-_ROOM = (
-    1.05  # tube radii: the least bend radius that a thinner line may have where the line has more
-)
+# tube radii: the least bend radius that a thinner line may have where the line has more
+_ROOM = 1.05
 
 
 def sweep(

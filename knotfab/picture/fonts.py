@@ -179,9 +179,8 @@ def find_family(asked: str) -> tuple[str, ...] | None:
                 files.append(found)
         if files:
             return tuple(files)
-    from matplotlib.font_manager import (
-        findfont,  # finds matplotlib's own fonts, which fontconfig does not
-    )
+    # finds matplotlib's own fonts, which fontconfig does not
+    from matplotlib.font_manager import findfont
 
     try:
         return (str(findfont(asked, fallback_to_default=False)),)

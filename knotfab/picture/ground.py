@@ -20,9 +20,8 @@ _SIDE = 600  # px of the longer side at which a sheet is looked for
 _LIGHT = 0.78  # the share of the brightest level that paper has at least
 _GREY = 60  # levels by which the channels of paper differ at most
 _LEAST = 0.15  # the share of the picture that a sheet covers at least
-_EDGE = (
-    0.012  # the share of the picture's longer side that is cut off a sheet: its soft or shaded edge
-)
+# the share of the picture's longer side that is cut off a sheet: its soft or shaded edge
+_EDGE = 0.012
 _INK = 8.0  # levels up to which a ground is as black as a drawing's
 _PAGE = 0.5  # the share of such a picture that a page with a black margin covers at least
 _NEAR = 20.0  # levels that differ within one flat colour

@@ -28,9 +28,8 @@ from knotfab.search.state import SearchState, begin_search, resample_state, run_
 from knotfab_formats.search import SearchSettings
 
 _SEEN_EVERY = 10  # iterations between measurements of the reported IoU
-_APPROACH_ITERATIONS = (
-    80  # of each phase that brings a far start near; a time budget does not change them
-)
+# of each phase that brings a far start near; a time budget does not change them
+_APPROACH_ITERATIONS = 80
 _APPROACH_RATES = 0.25, 0.2, 0.12  # step sizes of these phases, in tube radii
 
 
@@ -234,9 +233,8 @@ def _cost(phase: Phase) -> float:
 
 _REACH = 4.0  # half the length of a stretch around a violation, in tube radii
 _ITERATIONS = 60  # of each mending
-_STRETCHED = (
-    0.87  # length that edges are cut by, over the spacing; edges 1.5 times as long are halved
-)
+# length that edges are cut by, over the spacing; edges 1.5 times as long are halved
+_STRETCHED = 0.87
 _RATE, _RATE_END = 0.04, 0.005  # root-mean-square step of the vertices that move, in tube radii
 
 

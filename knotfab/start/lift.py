@@ -24,9 +24,8 @@ from knotfab.start.legibility import stretch_mask
 from knotfab.start.profiles import lift, lower
 from knotfab_formats.search import SearchSettings
 
-_FLAT_RADII = (
-    3.0  # depth of a flat piece, in radii: just enough for strands to pass over each other
-)
+# depth of a flat piece, in radii: just enough for strands to pass over each other
+_FLAT_RADII = 3.0
 
 
 def lift_template(

@@ -143,9 +143,8 @@ def _round_corners(curve: Array) -> Array:
 _LEAST = 2.0  # worth, in edges, that a piece must draw alone to get a curve
 _MOST = 0.5  # or the share of a picture's piece
 _STEP = 0.02  # price of a bridge over a square within the hull; 1 is one seen wholly outside
-_NECK = (
-    0.5  # how far a bridge's middle may be seen outside, in tube radii, to count as within the hull
-)
+# how far a bridge's middle may be seen outside, in tube radii, to count as within the hull
+_NECK = 0.5
 
 
 def edge_worth(lattice: Lattice, worth: Array) -> float:

@@ -20,9 +20,8 @@ Mask = NDArray[np.bool_]
 
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
-_ROOM_BYTES = (
-    16_000_000  # free bytes needed to cache; all loops of both packages take a third of it
-)
+# free bytes needed to cache; all loops of both packages take a third of it
+_ROOM_BYTES = 16_000_000
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:

@@ -233,9 +233,8 @@ def parse_knots(data: Any, name: str = "knots.json") -> Curves:
     )
 
 
-ROUNDED = (
-    1e-6  # share of a usual edge below which a closing edge is the rounding of a repeated point
-)
+# share of a usual edge below which a closing edge is the rounding of a repeated point
+ROUNDED = 1e-6
 
 
 class _RepeatedKey(ValueError):

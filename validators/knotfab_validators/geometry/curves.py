@@ -241,9 +241,8 @@ def _length(vectors: Array) -> Array:
 
 # Pairs of nearby segments in two blocks: dense tests, where no hierarchy helps.
 
-ROUNDING = (
-    1e-14  # error of a squared distance computed by products, as a share of the squared extent
-)
+# error of a squared distance computed by products, as a share of the squared extent
+ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,8 @@ SIZE_MM = 0.05  # tolerance of a bar's width and height
 SAME_MM = 0.5  # largest distance between the centres of a bar and of its listing
 MOST_LAYERS = 3  # height of a strip that is peeled off the bed
 STEP_MM = 0.05
-SUNK_MM = (
-    0.15  # an end may stick so far out of its strand: the grid of rows and layers sees no more
-)
+# an end may stick so far out of its strand: the grid of rows and layers sees no more
+SUNK_MM = 0.15
 
 
 def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach: float) -> Check:

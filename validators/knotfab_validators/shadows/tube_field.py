@@ -15,9 +15,8 @@ from knotfab_validators.shadows.exact_shadow import Linework, wound_mask
 from knotfab_validators.shadows.view import ViewGeometry
 
 MARGIN_PX = 3.0  # px around a capsule's box within which its distance is evaluated first
-MOST_PIXELS = (
-    20_000  # differing pixels that are examined; with more, the error is far above any limit
-)
+# differing pixels that are examined; with more, the error is far above any limit
+MOST_PIXELS = 20_000
 AT_ONCE = 2_000  # pixels evaluated at a time: each may lie in the boxes of hundreds of capsules
 ROUND = 48  # corners of a ball's outline
 

@@ -16,9 +16,8 @@ from knotfab_validators.geometry.surface import CircleFunction, Surface, circle_
 LIMIT = 0.15  # rms residual in radii: a hexagon's is 0.05, a square's 0.11
 STEP = 0.25  # radii between the points at which a centre line is fitted
 THIN = 3  # of the fitted points, every third is kept: at a finer spacing, facets pass for bends
-FACETS = (
-    3.0  # lengths of faces: shorter waves are smoothed away, since they may come from the faces
-)
+# lengths of faces: shorter waves are smoothed away, since they may come from the faces
+FACETS = 3.0
 SHORTEST, LONGEST = 1.2, 3.0  # bounds in radii on that wavelength
 LEAST_POINTS, MOST_POINTS = 72, 20_000
 MOST_FACES = 1_500_000  # a larger mesh would take minutes

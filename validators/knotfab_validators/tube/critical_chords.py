@@ -18,9 +18,8 @@ ROUNDING = 1e-15  # error of a coordinate difference, as a share of the extent
 CONE_SLACK = 1e-6  # radians of slack in every pruning test, far above its rounding error
 PAIRS_AT_ONCE = 150_000
 TOP_ARCS = 48
-BLOCK_LEVEL = (
-    5  # arcs of 2^5 edges: if too many pairs are left at this level, all their edges are paired
-)
+# arcs of 2^5 edges: if too many pairs are left at this level, all their edges are paired
+BLOCK_LEVEL = 5
 MANY_PAIRS = 100  # pairs for each arc of a level that count as too many
 BLOCKS_AT_ONCE = 256  # pairs of arcs of that level that are processed together
 MOST_PAIRS = 500_000_000  # pairs of edges in all, half a minute's worth; a part of 8 m has few

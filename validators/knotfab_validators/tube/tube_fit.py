@@ -20,9 +20,8 @@ MOST_SAMPLES = 2_000_000  # the limit on absurdly long curves
 RING_STEP = 0.5  # radii between the rings of points on the exact tube
 ANGLES = 8  # points of a ring
 STRETCH = 8  # rings of a mounted part that are judged together
-SHARE = (
-    0.5  # share of a stretch's points that must lie on the surface; beside pegs and struts 0.78 do
-)
+# share of a stretch's points that must lie on the surface; beside pegs and struts 0.78 do
+SHARE = 0.5
 PROUD = 1.0235  # radii: corners of twelve flat sides with the tube's volume stand out this far
 SAME = 1e-6  # share by which the radii of two files may differ
 BED_MM = 1e-3  # tolerance of the level underside of a foot read from a file
