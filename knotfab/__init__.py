@@ -47,17 +47,8 @@ __version__ = apps.VERSION
 
 _MODULES = {
     "knotfab.api": (
-        "assemble_part",
-        "build",
-        "choose_tube",
-        "design_knots",
-        "pose_question",
-        "read_picture",
-        "search_knots",
-        "settle_design",
-        "sweep_tube",
-        "validate_part",
-        "write_files",
+        "assemble_part", "build", "choose_tube", "design_knots", "pose_question", "read_picture",
+        "search_knots", "settle_design", "sweep_tube", "validate_part", "write_files",
     ),
     "knotfab.design.design": ("Design",),
     "knotfab.design.question": ("Question",),
@@ -70,41 +61,16 @@ _MODULES = {
     "knotfab_formats.scene": ("ResolvedScene", "Scene", "SettledScene"),
     "knotfab.picture.read": ("Target",),
     "knotfab.search.term": ("TorchTerm",),
-}
+}  # fmt: skip
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
-    "Design",
-    "Event",
-    "InputError",
-    "Knot",
-    "KnotfabError",
-    "Knots",
-    "MachineError",
-    "Outcome",
-    "Part",
-    "Problem",
-    "Question",
-    "ResolvedScene",
-    "Scene",
-    "SceneError",
-    "SearchResult",
-    "SettledScene",
-    "Start",
-    "Target",
-    "TorchTerm",
-    "assemble_part",
-    "build",
-    "choose_tube",
-    "design_knots",
-    "pose_question",
-    "read_picture",
-    "search_knots",
-    "settle_design",
-    "sweep_tube",
-    "validate_part",
-    "write_files",
-]
+    "Design", "Event", "InputError", "Knot", "KnotfabError", "Knots", "MachineError", "Outcome",
+    "Part", "Problem", "Question", "ResolvedScene", "Scene", "SceneError", "SearchResult",
+    "SettledScene", "Start", "Target", "TorchTerm", "assemble_part", "build", "choose_tube",
+    "design_knots", "pose_question", "read_picture", "search_knots", "settle_design",
+    "sweep_tube", "validate_part", "write_files",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

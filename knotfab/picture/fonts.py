@@ -20,14 +20,9 @@ if TYPE_CHECKING:
 
 # All of them come with matplotlib.
 _SUPPLIED = (
-    "DejaVuSans",
-    "DejaVuSansMono",
-    "DejaVuSerif",
-    "DejaVuSansDisplay",
-    "STIXGeneral",
-    "STIXNonUni",
-    "STIXSizOneSymReg",
-)
+    "DejaVuSans", "DejaVuSansMono", "DejaVuSerif", "DejaVuSansDisplay", "STIXGeneral",
+    "STIXNonUni", "STIXSizOneSymReg",
+)  # fmt: skip
 _SIZE = 1000  # points at 72 dpi, so outlines come in thousandths of an em
 _SYMBOLS = 0xF000  # where fonts of symbols have the characters of a keyboard
 _COLOURED = {"COLR", "CBDT", "sbix", "SVG "}  # tables of glyphs in colours

@@ -102,18 +102,9 @@ def _unreadable(data: bytes, what: str) -> InputError:
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _DRAWING = (
-    b"tRNS",
-    b"gAMA",
-    b"cHRM",
-    b"sRGB",
-    b"iCCP",
-    b"eXIf",
-    b"acTL",
-    b"fcTL",
-    b"fdAT",
-    b"bKGD",
+    b"tRNS", b"gAMA", b"cHRM", b"sRGB", b"iCCP", b"eXIf", b"acTL", b"fcTL", b"fdAT", b"bKGD",
     b"sBIT",
-)
+)  # fmt: skip
 _SUBFILE, _MOST_REDUCED = 254, 8  # TIFF's tag NewSubfileType, and the pages that may be reduced
 _MOST_SIDE = 1_000_000  # bytes of side data; Pillow unpacks no more of one
 

@@ -194,16 +194,9 @@ def test_a_check_may_be_left_out_by_name(right: Path) -> None:
 
 
 OF_SHADOWS = [
-    "shadow",
-    "shadow_exact",
-    "outline",
-    "wrong_outline",
-    "recognisable",
-    "half_light",
-    "intrusion",
-    "colours",
-    "lamp_colours",
-]
+    "shadow", "shadow_exact", "outline", "wrong_outline", "recognisable", "half_light",
+    "intrusion", "colours", "lamp_colours",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("asked", [*OF_SHADOWS, None])

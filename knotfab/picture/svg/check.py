@@ -37,16 +37,8 @@ _LEFT_OUT = {
     **dict.fromkeys(("audio", "video", "canvas", "iframe"), "the media in it are left out"),
 }  # fmt: skip
 _UNSEEN = (
-    "metadata",
-    "title",
-    "desc",
-    "cursor",
-    "view",
-    "color-profile",
-    "font",
-    "font-face",
-    "mpath",
-)
+    "metadata", "title", "desc", "cursor", "view", "color-profile", "font", "font-face", "mpath",
+)  # fmt: skip
 # what resvg draws otherwise or not at all: a sign of it in CSS or in an attribute, written "name:value"
 _NOT_DRAWN = (
     (r"var\(", "variables (var)"),
