@@ -72,10 +72,7 @@ def report_piece(
         own = (check_3mf(said), check_certificate(made), check_limits(made), mounted.check_sag())
         checks = [*verdict.checks, *(check for check in own if check is not None)]
     _prefer_other_way(request, checks)
-    sliced = _wait_for_slicer(piece, progress)
-    with progress.stage("report"):
-        checks += [] if sliced is None else [check_slicing(sliced)]
-        _prefer_other_way(request, checks)
+    with progress.stage("report"):  # while PrusaSlicer slices
         views = _list_views(piece, printing, verdict)
         _draw_bendings(piece, folder)
         turning, turned = turn_piece(folder.work, mounted, made.knots) if printing else (None, [])
@@ -88,13 +85,20 @@ def report_piece(
             setup=tell_setup(mounted, cameras, made.knots.radius_mm),
             turning=turning,
         )
+        print_, laid = report_posing(print_, part, piece.flattening, printing=printing)
+    judged = worst_verdict(views)
+    word = "faithful" if judged is None else judged.word
+    if piece.slicing is not None and not piece.slicing.done() and not piece.suffix:
+        failed = [check.name for check in checks if check.required and check.status == "fail"]
+        told = f"{', '.join(failed)} failed" if failed else f"verified, {word}"
+        progress.say(f"{told}; PrusaSlicer is slicing")
+    sliced = _wait_for_slicer(piece, progress)
+    with progress.stage("report"):
+        checks += [] if sliced is None else [check_slicing(sliced)]
+        _prefer_other_way(request, checks)
         if printing:
             print_ = with_slicing(print_, sliced)
             checks += check_price(print_, piece.scene.piece)
-        print_, laid = report_posing(print_, part, piece.flattening, printing=printing)
-        if printing:
-            judged = worst_verdict(views)
-            word = "faithful" if judged is None else judged.word
             print_ = report_supports(print_, request, part, checks, views, word)
         notes = _list_notes(piece, request, views, sliced, (turned, laid))
         found = verdict, checks, views, print_, notes, sliced
