@@ -29,7 +29,12 @@ from knotfab.scene.load import load_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "docs/tutorial.md")
-PROMISE = re.compile(r"^ +(.+), ([\d.]+) h, (\d+) g, (\d+)% of it supports: open (\S+)$", re.M)
+# the word, the report, and of the lines below it the hours and grams
+PROMISE = re.compile(
+    r"^ *pass +(?P<word>\S.*\S)  in .*: open (?P<report>\S+)\n"
+    r"(?:.*\n)*?.* (?P<hours>[\d.]+) h, (?P<grams>\d+) g",
+    re.M,
+)
 WITHIN = 0.1  # share by which printed hours and grams may differ
 _PX_PER_MM = 4.0
 # commands that never end, or only after many minutes: a page that waits for a browser, a measurement
@@ -102,15 +107,18 @@ def type_command(words: Sequence[str], folder: Path) -> tuple[int, str]:
 
 def broken_promises(page: str, said: str) -> list[str]:
     """Return the lines of a page that promise more, or less, than what was printed for the same report."""
-    printed = {found[4]: found for found in PROMISE.findall(said)}
+    printed = {found["report"]: found for found in PROMISE.finditer(said)}
     wrong = []
-    for found in PROMISE.findall(page):
-        own = printed.get(found[4])
+    for found in PROMISE.finditer(page):
+        own = printed.get(found["report"])
         if own is None:
             continue
-        near = all(abs(float(own[k]) / float(found[k]) - 1) <= WITHIN for k in (1, 2))
-        if own[0] != found[0] or not near:
-            wrong.append(f"{', '.join(found[:4])} of {found[4]}: now {', '.join(own[:4])}")
+        near = all(
+            abs(float(own[key]) / float(found[key]) - 1) <= WITHIN for key in ("hours", "grams")
+        )
+        if own["word"] != found["word"] or not near:
+            told = [f"{one['word']}, {one['hours']} h, {one['grams']} g" for one in (found, own)]
+            wrong.append(f"{told[0]} of {found['report']}: now {told[1]}")
     return wrong
 
 

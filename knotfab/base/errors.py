@@ -19,7 +19,8 @@ from knotfab_formats.errors import InputError, KnotfabError, shown
 
 # an option in a sentence, with its value where one follows and the sentence does not go on
 OPTION = re.compile(
-    r"--([a-z][a-z-]*)(?:[ =](?!(?:and|or|is|if|to|for|takes|names|keeps)\b)([^\s,;()]*[^\s,;().]))?"
+    r"--([a-z][a-z-]*)"
+    r"""(?:[ =](?!(?:and|or|is|if|to|for|takes|names|keeps)\b)("[^"]*"|[^\s,;()]*[^\s,;().:]))?"""
 )
 # faults that a call cannot mend by naming another file
 _OF_MACHINE = {

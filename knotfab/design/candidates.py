@@ -27,6 +27,7 @@ PICTURE = "the picture"  # the subject of errors that another reading of the pic
 DEPTH_RATIO = 0.66  # depth over width; the contract asks for 0.6, and the flow may lose a little
 # inner corners of a plate's outline are rounded by so much: narrow slits are weak and slow
 FILLET_MM = 8.0
+_ROOMY = 1.05  # on the size that would just do
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # diameters on the market, mm
 _UNEVEN = 0.4  # variation of a drawn line's width, px
 _DRAWN = 0.9  # IoU of the opening from which a picture of lines counts as drawn
@@ -126,32 +127,30 @@ def too_fine(
     why: str,
     otherwise: str = "--lines on, or --thicken auto",
     parts: str = "lines",
+    given_mm: float | None = None,
 ) -> SceneError:
     """Build the error for a picture too fine for any printable tube, with remedies that each suffice.
 
     Args:
         drawn: radius of the shadow of a tube that would draw the picture, px; None if none is known.
         pixels: width and height of the picture. why: the reason. otherwise: one more remedy.
-        parts: the noun for what is too thin.
+        parts: the noun for what is too thin. given_mm: the radius that
+            is asked for, if one is.
     """
     width, longer = pixels[0], max(pixels)
     px = view.px_per_mm(width)
-    least = printer.min_tube_radius_mm * px
+    least = (given_mm or printer.min_tube_radius_mm) * px
     remedies = [
         f"{parts} must be at least {math.ceil(2 * least + _UNEVEN)} px of {longer} at this size"
     ]
     if drawn is not None:
-        frame = math.ceil(view.frame_width_mm * least / drawn / 10) * 10
-        if view.frame_width_mm < frame <= 1000.0:  # wider pictures are not practical advice
-            remedies.append(f"or the picture {frame} mm wide (--width {frame})")
+        size = math.ceil(_ROOMY * view.longer_mm * least / drawn / 10) * 10
+        if view.longer_mm < size <= 1000.0:  # larger pictures are not practical advice
+            remedies.append(f"or the picture {size} mm long (--size {size})")
         nozzle = printer.nozzle_mm * min(drawn / least, 0.99)
         finer = next((n for n in _NOZZLES if n <= nozzle), None)
-        if finer is not None:
-            radius = printer.min_tube_radius_mm * finer / printer.nozzle_mm
-            remedies.append(
-                f"or a {finer:g} mm nozzle (scene keys printer.nozzle_mm = {finer:g}, "
-                f"printer.min_tube_radius_mm = {math.floor(1e3 * radius) / 1e3:g})"
-            )
+        if finer is not None and given_mm is None and printer.process == "filament":
+            remedies.append(f"or a {finer:g} mm nozzle (--nozzle {finer:g})")
         lines = f"; most of its {parts} are about {2 * drawn:.1f} px thick"
     else:
         lines = "; it is hardly more than dust"

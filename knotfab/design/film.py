@@ -16,12 +16,13 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 from scipy.optimize import linear_sum_assignment
-from shapely import MultiPolygon, Polygon, affinity
+from shapely import MultiPolygon, affinity
 
 from knotfab.base.arrays import Array
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget
 from knotfab.design.design import Design, plan_searches, price_design, settle_design
+from knotfab.design.motion import lay_over, outline_motion, pair_pieces
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.settings import place_start
@@ -32,7 +33,6 @@ from knotfab.limits.terms import Felt, State, total_length
 from knotfab.picture.frames import count_knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
-from knotfab.picture.silhouette import polygon_iou
 from knotfab.plan import Attempts, Search, Steps
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.require import require_sequence
@@ -54,7 +54,6 @@ _MORE = 2.0  # factor on the iterations of the last attempt
 _ALIKE = 0.5
 _GRID = 144  # grid points on the longer side of a displacement
 _CLIP = 6.0  # clip of the distances from an outline, grid points
-_BETTER = 0.05  # IoU that a shift or stretch must gain
 _FITS = 0.98  # IoU above which a shifted or stretched silhouette is taken as it is
 
 
@@ -381,48 +380,6 @@ def _rename_view(scene: SettledScene, target: Target) -> ResolvedScene:
     return scene.but(views=(view,))
 
 
-# the bound on motion: as far as the outlines of two pictures are apart, plus one tube radius
-
-
-def pair_pieces(
-    old: MultiPolygon, new: MultiPolygon, count: int
-) -> list[tuple[MultiPolygon, MultiPolygon]]:
-    """Pair the `count` largest pieces of two silhouettes, or both as wholes if one has fewer pieces.
-
-    The pairing minimises the total motion of centroids plus change of sizes.
-    """
-    before, after = (sorted(p.geoms, key=lambda piece: -piece.area)[:count] for p in (old, new))
-    if count == 1 or min(len(before), len(after)) < count:
-        return [(old, new)]
-    _, then = linear_sum_assignment([[_change(one, other) for other in after] for one in before])
-    return [
-        (MultiPolygon([one]), MultiPolygon([after[k]])) for one, k in zip(before, then, strict=True)
-    ]
-
-
-def _change(one: Polygon, other: Polygon) -> float:
-    """Return the motion of a piece's centroid plus the change of its size, mm."""
-    return float(one.centroid.distance(other.centroid) + abs(one.area**0.5 - other.area**0.5))
-
-
-def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> float:
-    """Return the Hausdorff distance of two silhouettes' outlines, holes included, mm.
-
-    If each of several `knots` draws its own piece, it is the largest distance of paired pieces. Sampling
-    every 0.1 mm makes the result at most 0.05 mm too short, and never too long.
-    """
-    pairs = pair_pieces(old, new, knots)
-    return max(max(_furthest(p, q), _furthest(q, p)) for p, q in pairs)
-
-
-def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:
-    """Return the largest distance of the outline of `one` from that of `other`, mm."""
-    points = shapely.points(shapely.get_coordinates(one.boundary.segmentize(0.1)))
-    line = other.boundary
-    shapely.prepare(line)
-    return float(shapely.distance(points, line).max())
-
-
 @dataclass(frozen=True)
 class Anchor(Term):
     """A hard limit on each vertex's distance from its place in another frame, (N, 3) mm.
@@ -522,7 +479,7 @@ def displace(at: Array, old: MultiPolygon, new: MultiPolygon, margin: float) -> 
 
     registration: Any = untyped
 
-    stretch, offset, overlap = _lay_over(old, new)
+    stretch, offset, overlap = lay_over(old, new)
     there = stretch * at + offset
     if overlap > _FITS:
         return there - at
@@ -541,20 +498,3 @@ def displace(at: Array, old: MultiPolygon, new: MultiPolygon, margin: float) -> 
     where = ((there - low) / pitch).T[::-1]
     found = [map_coordinates(pitch * part, where, order=1, mode="nearest") for part in flow[::-1]]
     return np.asarray(there - at + np.stack(found, axis=1))
-
-
-def _lay_over(old: MultiPolygon, new: MultiPolygon) -> tuple[Array, Array, float]:
-    """Return the stretch and offset (mm) that lay `old` over `new`, and the IoU then.
-
-    It tries a shift of the centroid and a stretch of the bounding box, and takes neither unless IoU grows.
-    """
-    sizes = [np.subtract(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
-    middles = [0.5 * np.add(p.bounds[2:], p.bounds[:2]) for p in (old, new)]
-    centroids = [np.array(p.centroid.coords[0]) for p in (old, new)]
-    best = np.ones(2), np.zeros(2), polygon_iou(old, new)
-    for stretch, (here, there) in ((np.ones(2), centroids), (sizes[1] / sizes[0], middles)):
-        offset = there - stretch * here
-        moved = affinity.affine_transform(old, [stretch[0], 0, 0, stretch[1], *offset])
-        if (iou := polygon_iou(moved, new)) > best[2] + _BETTER:
-            best = stretch, offset, iou
-    return best

@@ -224,9 +224,7 @@ def widen_targets(
     views = []
     if not one and any(view.lines for view in scene.views):
         raise InputError(
-            "--lines on",
-            _MEETING if sequence else _ASIDE,
-            "Leave it out, widen thin strokes (--thicken auto), or build one picture",
+            "--lines on", _MEETING if sequence else _ASIDE, "Leave it out, or build one picture"
         )
     for view, target in zip(framed.views, targets, strict=False):
         width = view.thicken_mm
@@ -296,8 +294,8 @@ def widen(view: View, target: Target) -> Target:
             f"picture {target.shown}",
             f"strokes {view.thicken_mm:g} mm wide{', as a tube draws them,' if lines else ''} leave nothing "
             f"of a picture of {narrow:.3g} mm",
-            f"Make the picture larger (--size, from {size})"
-            + ("" if lines else ", or give a smaller --thicken"),
+            f"Make the picture larger, from --size {size}"
+            + ("" if lines else ", or leave out --thicken"),
         )
     mask = thicken(target.mask, width)
     rule = target.rule

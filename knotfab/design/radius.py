@@ -213,7 +213,7 @@ def choose_radius(
         raise SceneError(
             "the picture",
             "no tube radius gives a template whose curves keep clear of each other",
-            "Give a radius (--tube-radius), or use a simpler picture.",
+            "Smooth its outline (--smooth 5), or use a simpler picture.",
         )
     if report is not None:
         report(0.2, None)

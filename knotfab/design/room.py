@@ -73,7 +73,7 @@ def resolve_region(
         raise SceneError(
             "the region",
             f"it would be {max(size):.6g} mm large, and the largest is {MOST_MM:g} mm",
-            "Make the picture smaller (--size), or give another lamp (--lamp-distance).",
+            "Make the picture smaller (--size).",
         )
     return SettledRegion(**{**known, "size_mm": tuple(round(float(s), 4) for s in size)})
 

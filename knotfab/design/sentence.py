@@ -16,6 +16,7 @@ from knotfab.picture.opening import is_row
 from knotfab.picture.read import Target
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
+_SMALL = 0.6  # share of a picture's sides below which its drawing is offered alone
 _LONG_H = 48.0  # a print that takes longer is offered a smaller size
 _PLATES = {"roots": "in roots", "outline": "in a plate of its outline"}
 _MOUNTS = {"wall": "on pegs", "stand": "on a stand", "hang": "on threads", "none": "with no holder"}
@@ -45,6 +46,7 @@ def describe(found: Survey) -> list[str]:
         _describe_tube(found),
         *_describe_small(found),
         _describe_piece(found),
+        *_describe_margin(found),
         *_describe_outsized(found),
         *told,
     ]
@@ -144,6 +146,18 @@ def _describe_piece(found: Survey) -> str:
     without = f", without {guess.without}" if guess.without else ""
     each = " a frame" if found.frames else ""
     return f"{text}: about {_round(guess.mass_g, 'g')}{hours}{without}{each}."
+
+
+def _describe_margin(found: Survey) -> list[str]:
+    """Say that a drawing is much smaller than its picture, such as a sheet, and how to size it alone."""
+    seen = found.views[0]
+    drawn, frame = seen.piece_mm, seen.view.frame_mm
+    share = max(a * seen.view.magnification / b for a, b in zip(drawn, frame, strict=True))
+    if len(found.views) > 1 or found.frames or share >= _SMALL:
+        return []
+    return [
+        f"  It fills {share:.0%} of its picture: with --crop auto it is {max(frame):.0f} mm long itself."
+    ]
 
 
 def _describe_outsized(found: Survey) -> list[str]:

@@ -16,6 +16,7 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import (
     FILLET_MM,
+    PICTURE,
     Guess,
     drawing_radius,
     guess_print,
@@ -25,11 +26,13 @@ from knotfab.design.candidates import (
 from knotfab.design.frames import frame_view, framed_alike
 from knotfab.design.hull import HullBound
 from knotfab.design.likeness import Likeness, compare_lines, estimate_likeness, recognisable_radius
+from knotfab.design.motion import find_leap
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import choose_radius
 from knotfab.design.settings import suit_settings
 from knotfab.design.small import SmallParts
 from knotfab.knots import read_start
+from knotfab.picture.frames import count_knots
 from knotfab.picture.lamps import Separation
 from knotfab.picture.opening import Loss, find_losses, open_by, run_together
 from knotfab.picture.read import Target
@@ -46,6 +49,9 @@ _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the t
 _ROOTS = 0.09  # area of roots over the square of the picture's longer side, as built: .08 to .10
 _SPARE = 0.3  # tolerance of a simplified outline, px
 _BLOBS = 0.3  # share of strokes that run together, above which they are no drawing
+# tube radii that outlines may go from frame to frame: farther none is tried, and as far as this most succeed
+_LEAP, _STEP = 20.0, 8.0
+_MOST = 250  # pieces and holes of a picture that is tried: a large QR code has half of them
 _FEW = 200  # pieces and holes up to which polygons are opened, and not pixels
 
 
@@ -129,7 +135,7 @@ def survey(
     Raises:
         InputError: the pictures do not fit the scene.
     """
-    frames = len(targets) if sequence else 0
+    frames, every = (len(targets) if sequence else 0), targets
     if sequence:  # the frame of a few whose opening by a usual tube is worst
         few = targets[:: -(-len(targets) // 24)]
         targets = [min(few, key=lambda t: opened_share(t.mask))]
@@ -151,6 +157,8 @@ def survey(
         except SceneError as error:
             refusal = None if sequence else error  # another frame may come first
     first = views[0]
+    if sequence and choose and refusal is None:
+        refusal = _refuse_leap(scene, every, first, radius)
     guess = guess_print(
         scene,
         first.view,
@@ -165,6 +173,25 @@ def survey(
         refusal = refuse_price(guess, scene.piece, first.view.longer_mm)
     known = choose or scene.piece.tube_radius_mm is not None
     return Survey(scene, views, radius, guess, frames, refusal, small, known)
+
+
+def _refuse_leap(
+    scene: ResolvedScene, frames: Sequence[Target], seen: ViewSurvey, radius: float
+) -> SceneError | None:
+    """Return the error of a sequence whose outline leaps farther than a tube follows, else None."""
+    px = seen.px_per_mm
+    outlines = [replace(seen, target=target).polygon for target in frames]
+    number, far = find_leap(outlines, count_knots(frames, scene.piece.knots))
+    radii = far / px / radius
+    if radii <= _LEAP or "unrecognisable" in scene.accuracy.accept:
+        return None
+    lacking = math.ceil(radii / _STEP) - 1
+    return SceneError(
+        "the sequence",
+        f"from frame {number} to frame {number + 1} the outline goes {far / px:.0f} mm, "
+        f"{radii:.0f} tube radii, and strands follow some {_STEP:.0f}",
+        f"Draw {lacking} frames between these two; --accept unrecognisable tries it nevertheless",
+    )
 
 
 def _survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[ViewSurvey, ...]:
@@ -311,9 +338,17 @@ def find_refusal(
     It refuses a picture that no tube shows recognisably, unless the scene accepts that, and one of lines
     that run together.
     """
-    for one in () if "unrecognisable" in scene.accuracy.accept else views:
+    if "unrecognisable" in scene.accuracy.accept:
+        return None
+    for one in views:
         if one.likeness is not None and not one.likeness.recognisable:
             return _refuse_unlike(one, one.likeness, scene)
+        if one.pieces + one.holes > _MOST:
+            return SceneError(
+                PICTURE,
+                f"it has {one.pieces} pieces and {one.holes} holes, and more than {_MOST} are not tried",
+                "Use a simpler picture, or its largest pieces alone (--keep-largest 20)",
+            )
     seen, given = views[0], scene.piece.tube_radius_mm is not None
     if len(views) > 1 or sequence or given or seen.together <= _BLOBS:
         return None
@@ -343,10 +378,14 @@ def _refuse_unlike(seen: ViewSurvey, likeness: Likeness, scene: ResolvedScene) -
         drawn = drawing_radius(trace_polygon(seen.target.asked), radius * px)
     otherwise = "--accept unrecognisable to build it nevertheless"
     if given and drawn is not None and drawn >= printer.min_tube_radius_mm * px:
-        otherwise = f"a thinner tube (--tube-radius {drawn / px:.2f}), or {otherwise}"
+        otherwise = (
+            f"a thinner tube (--tube-radius {math.floor(100 * drawn / px) / 100:g}), or {otherwise}"
+        )
     why = (
         f"it is too fine for {'such a' if given else 'any printable'} tube: nobody would know "
         f"{seen.target.name} in the shadow of one {2 * radius:g} mm thick, {lost}"
     )
     pixels = (seen.target.width, seen.target.height)
-    return too_fine(drawn, seen.view, pixels, printer, why, otherwise, "parts")
+    return too_fine(
+        drawn, seen.view, pixels, printer, why, otherwise, "parts", radius if given else None
+    )

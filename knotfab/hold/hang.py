@@ -2,8 +2,8 @@
 
 Matter in the visual hull of all pictures, or above every frame, changes no picture (Mitra & Pauly
 2009): an eyelet stands where it darkens least. One view hangs by two eyelets, as far to one side of
-its centre of mass as to the other: two threads keep it from turning. Several views have one straight
-above it, on whose thread the piece turns and shows its pictures one after the other.
+its centre of mass as to the other: two threads keep it from turning. So do several views to which a small
+turn does harm; others have one straight above it, on whose thread the piece turns and shows its pictures.
 """
 
 from __future__ import annotations
@@ -56,6 +56,8 @@ from knotfab.hold.stand import (
 )
 from knotfab.hold.struts import Candidates, Obstacles, Sites, join_members, no_members, sites_of
 from knotfab.knots import Knots
+from knotfab.picture.silhouette import fit_size, mask_iou, sample_mask
+from knotfab.render.silhouette import cast, frame_of
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.holders import eyelet
 
@@ -63,11 +65,15 @@ MOST_TILT_DEG = 1.0  # the piece may hang askew by this
 HOLE_MM = 3.0  # across the eyelet's hole
 SPANS = (0.7, 0.55, 0.4, 0.3)  # shares of the piece's width between two threads that are tried
 LEAST_SPAN_MM = 15.0  # threads that are nearer to each other hardly keep a piece from turning
+TURN_LOSS = (
+    0.005  # IoU that a turn by 1 degree costs, from which on two threads keep a piece from it
+)
 MOST_POSTS = 4  # posts from strands to an eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 # each about the centre of mass of the one before, with a post more where that sags too much
 _PLANS = 4
+_TURNED_PX = 512  # longer side of the frame in which a turned piece is compared
 _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add
 
 
@@ -95,7 +101,7 @@ def plan_hang(
 ) -> HangMount:
     """Choose struts, posts and eyelets for knots in scene coordinates (gravity: -y).
 
-    The knots are joined to one piece. Two eyelets are tried for a single view, the pair that shows
+    The knots are joined to one piece. Two eyelets are tried where it must not turn, the pair that shows
     least first, and one where no two hold it.
 
     Args:
@@ -124,7 +130,8 @@ def plan_hang(
         knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank
     )
     found = []
-    for offsets in work.list_pairs(across) if len(cameras) == 1 else []:
+    fixed = len(cameras) == 1 or lost_by_turning(knots, cameras, targets) >= TURN_LOSS
+    for offsets in work.list_pairs(across) if fixed else []:
         try:
             found.append(work.plan(offsets))
         except SceneError:
@@ -139,6 +146,26 @@ def plan_hang(
         if not found:
             raise
     return min(found, key=lambda one: one.sag_mm)
+
+
+def lost_by_turning(knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask]) -> float:
+    """Return the IoU that a turn by 1 degree about the vertical costs the picture that it costs most."""
+    middle, ahead = knots.points.mean(axis=0), knots.rings.next
+    lost = []
+    for camera, target in zip(cameras, targets, strict=True):
+        width, height = fit_size(camera.width, camera.height, _TURNED_PX)
+        frame = frame_of(camera.resized(width, height), np.float32, stretched=True)
+        mask = sample_mask(target, width, height)
+        iou = []
+        for turn in np.radians([0.0, -1.0, 1.0]):
+            about = np.array(
+                [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
+            )
+            points = middle + (knots.points - middle) @ about.T
+            shadow = cast(points, points[ahead], frame, knots.radius_mm)
+            iou.append(mask_iou(mask, shadow) if mask.any() else 0.0)
+        lost.append(iou[0] - 0.5 * (iou[1] + iou[2]))
+    return float(max(lost))
 
 
 @dataclass(frozen=True)

@@ -230,7 +230,7 @@ def _mark_different(
         raise InputError(
             what,
             "it is nearly all one colour: nothing in it differs from its border by more than noise does",
-            "Use a picture of more contrast, or say what is drawn (--ink dark, light or a colour).",
+            "Use a picture of more contrast, or say what is drawn: --ink dark, --ink light or a colour.",
         )
     return np.asarray(squared > threshold**2 * largest)
 

@@ -148,7 +148,7 @@ def separate(
         raise InputError(
             what,
             "it is grey: lamps of several colours have nothing to mix for it",
-            "Build it without --lamps, or give a picture in colours.",
+            "Leave out --lamps, or give a picture in colours.",
         )
     shown = mixtures_of(colours, ambient)
     palette = to_oklab(shown)

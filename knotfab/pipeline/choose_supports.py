@@ -72,11 +72,17 @@ def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str,
         outline = corners if full else _trace_rows(target)
         outline = outline / frame_view(scene.views[0], target).px_per_mm(target.width)
         if not fits_upright(outline, height, room):
+            from knotfab.design.survey import smaller_size
+
             across, down = np.ptp(outline, axis=0)
+            longer = frame_view(scene.views[0], target).longer_mm
+            share = min(
+                a / b for a, b in zip(sorted(room[:2]), sorted((across, down)), strict=True)
+            )
             return (
                 f"it stands on the bed with the light's axis up, {across:.0f} × {down:.0f} mm across, and "
                 f"the printer holds {' × '.join(f'{side:g}' for side in room)} mm",
-                "Make it smaller (--size), or use --supports slicer",
+                f"Use --size {smaller_size(longer, share, 1)}, or --supports slicer",
             )
     return None
 

@@ -12,7 +12,8 @@ import numpy as np
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.design.budget import Budget
-from knotfab.design.film import Chain, SequenceFrame, measure_motion, outline_motion
+from knotfab.design.film import Chain, SequenceFrame, measure_motion
+from knotfab.design.motion import outline_motion
 from knotfab.design.question import silhouette_polygon
 from knotfab.knots import count_in_words, read_knots
 from knotfab.limits.feasibility import LEAST

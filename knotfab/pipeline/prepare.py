@@ -316,7 +316,7 @@ def _explain_photograph(found: Survey) -> Survey:
         return found
     why = f"it is a photograph, and no drawing: {error.why}"
     remedy = "Lift its subject out (a phone or rembg does in one tap), and bring the PNG with transparency"
-    return replace(found, refusal=SceneError(error.what, why, f"{remedy}. {error.remedy}"))
+    return replace(found, refusal=SceneError(error.what, why, remedy))
 
 
 def _is_printed(options: BuildOptions, scene: ResolvedScene) -> bool:

@@ -56,7 +56,7 @@ def read_lamps(
     from knotfab.picture.lamps import on_one_canvas, read_masks
 
     if options.sequence:
-        raise InputError("--lamps", "frames have one lamp", "Leave --sequence out.")
+        raise InputError("--lamps", "frames have one lamp", "Leave it out.")
     if scene.settings.free_view:
         why = "lamps before one screen have places by themselves; a view that is found moves the screen"
         raise InputError(

@@ -96,8 +96,8 @@ def _frame_keys(options: PictureOptions) -> dict[str, Any]:
     """Return the frame's sides; if only one is given, the other follows from the picture."""
     sided = options.width is not None or options.height is not None
     if options.size is not None and sided:
-        why = "--width or --height is given too"
-        raise InputError(f"--size {options.size:g}", why, "Give one of them.")
+        other = "--height" if options.width is None else "--width"
+        raise InputError(f"--size {options.size:g}", f"{other} is given too", "Give one of them.")
     if sided or options.size is not None:  # which side is longer is known only with the picture
         return {"frame_width_mm": options.width, "frame_height_mm": options.height}
     return {}

@@ -122,7 +122,7 @@ def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | 
     angles = turns_of(mounted.scene)
     if not angles or (mounted.stand is None and mounted.hang is None):
         return None, []
-    axis = np.zeros(3) if mounted.hang is None else mounted.hang.threads[0]
+    axis = np.zeros(3) if mounted.hang is None else mounted.hang.threads.mean(axis=0)
     view = mounted.scene.views[0]
     aside = {}
     for name, angle in angles.items():

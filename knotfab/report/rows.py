@@ -159,7 +159,7 @@ def _list_printing(report: Report) -> Iterator[Row]:
             text=f"Nothing holds it: --mount {kind} adds what does.{kept}",
         )
     one_thread = mount is not None and mount.kind == "hang" and mount.second_thread_mm is None
-    if one_thread and len(report.views) == 1:
+    if one_thread:
         said = "It hangs on one thread and can turn: hold it still until you see its picture."
         yield Row(name="thread", value=1, status="do", text=said)
     if mount is not None and mount.foot == "dowel":

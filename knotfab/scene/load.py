@@ -125,7 +125,7 @@ def _faults_of_plate(scene: Scene) -> Iterator[tuple[str, str]]:
     asked = f'plate = "{mount.plate}" (--plate {mount.plate})'
     if not mount.on_feet:
         yield (
-            f'{asked} is on the wall, and [mount] kind is "{mount.kind}"',
+            f'{asked} is on the wall, and [mount] kind is "{mount.kind}" (--mount {mount.kind})',
             "Use --mount wall, or leave one of the two out.",
         )
     if mount.foot == "dowel":
@@ -135,8 +135,8 @@ def _faults_of_plate(scene: Scene) -> Iterator[tuple[str, str]]:
         )
     if scene.piece.depth == 0:
         yield (
-            f"the piece stands in its plate by valleys ({asked}), and a flat one (depth) has none",
-            "Leave out the depth, or use --plate pegs.",
+            f"the piece stands in its plate by valleys ({asked}), and a flat one (--depth flat) has none",
+            "Leave out --depth, or use --plate pegs.",
         )
     if view.wall_tilt_deg:
         yield (

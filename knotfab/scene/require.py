@@ -23,7 +23,7 @@ def require_mount(scene: ResolvedScene) -> None:
             "a wall mount (--mount wall)",
             f"this piece has {len(scene.views)} views: pegs that run along one light's rays stand in the "
             "picture of the other",
-            "Use --mount stand, whose base lies below all pictures, or hang",
+            "Use --mount stand, whose base lies below all pictures, or --mount hang",
         )
 
 
@@ -41,7 +41,7 @@ def require_several(scene: ResolvedScene) -> None:
         )
     if scene.piece.depth is not None:
         raise InputError(
-            "scene key piece.depth",
+            "a depth (--depth)",
             "with several views the pictures decide the depth: what is deep for one light is wide in the "
             "picture of another",
             'Leave it out, or write "auto"; [region] size_mm bounds the piece',
@@ -79,7 +79,7 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
     if scene.piece.depth == 0:
         return (
             "a flat piece has no depth for the arches in which its strands would stand",
-            "Leave out --depth flat, or --supports none: what is flat lies on the bed with few supports",
+            "Leave out --depth, or leave out --supports: what is flat lies on the bed with few supports",
         )
     if len(scene.views) > 1:
         return (
@@ -92,12 +92,14 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
             return (
                 "an eyelet flat on the bed lies behind the centre of mass and would let it tip out of "
                 "the light, and struts that keep strands from sagging on a thread would begin in mid-air",
-                "Use --mount wall, which hangs on two nails by flat pads in its shadow",
+                "Leave out --mount, and it hangs on two nails by flat pads in its shadow",
             )
         held = "a stand holds" if scene.mount.kind == "stand" else "pegs hold"
         return (
             f"{held} it off the bed, and its strands would begin in mid-air",
-            "Use --plate roots or rounded, in which it stands by its own feet, or --mount none",
+            "Leave out --mount, and it stands by its own feet"
+            if scene.mount.kind == "stand"
+            else "Use --plate roots or --plate rounded, in which it stands by its own feet",
         )
     return None
 
@@ -162,7 +164,7 @@ def require_radius(radius: float, printer: Printer, what: str) -> None:
         raise SceneError(
             what,
             f"{radius:g} mm is thinner than {printer.name} prints",
-            f"Use at least {printer.min_tube_radius_mm:g} mm, or another printer",
+            f"Use at least --tube-radius {printer.min_tube_radius_mm:g}, or another --printer",
         )
 
 

@@ -34,12 +34,11 @@ from knotfab.design.film import (
     list_ties,
     list_ways,
     measure_motion,
-    outline_motion,
-    pair_pieces,
     pick_first,
     pick_start,
     transport,
 )
+from knotfab.design.motion import find_leap, outline_motion, pair_pieces
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
@@ -356,6 +355,20 @@ def test_outline_motion_counts_holes() -> None:
     pierced = MultiPolygon([whole.difference(shapely.box(9, 9, 11, 11))])
     # the middle of a hole's side is 9 from the square's own outline
     assert outline_motion(MultiPolygon([whole]), pierced) == pytest.approx(9.0)
+
+
+def test_the_widest_leap_is_what_no_shift_or_stretch_does() -> None:
+    body, arm = shapely.box(0, 0, 10, 40), shapely.box(-30, 30, 10, 36)
+    still, raised = MultiPolygon([body]), MultiPolygon([body.union(arm)])
+    moved = affinity.scale(affinity.translate(raised, 90, 5), 1.2, 1.2)
+    # the arm's end comes out of the body between the second frame and the third
+    assert find_leap([still, still, raised, moved], 1) == (2, pytest.approx(30.0))
+    assert find_leap([raised, moved], 1)[1] == pytest.approx(0.0, abs=1e-6)
+    # each of two pieces goes its own way
+    apart, pieces = _square(0, 60, 10), [[*still.geoms], [*affinity.translate(still, 50, 0).geoms]]
+    frames = [MultiPolygon([*one, *apart.geoms]) for one in pieces]
+    assert find_leap(frames, 2)[1] == pytest.approx(0.0, abs=1e-6)
+    assert find_leap(frames, 1)[1] > 30.0
 
 
 def test_outline_motion_of_circles() -> None:

@@ -181,7 +181,7 @@ def test_each_remedy_for_thin_lines_works(tmp_path: Path, width: int) -> None:
     scene = Scene(printer=thick)
     with pytest.raises(SceneError) as caught:
         require_drawable(look(path, scene))
-    said = r"at least (\d+) px of 800 .* the picture (\d+) mm wide .* or a ([\d.]+) mm nozzle"
+    said = r"at least (\d+) px of 800 .* the picture (\d+) mm long .* or a ([\d.]+) mm nozzle"
     (named,) = re.findall(said, caught.value.remedy)
     px, mm, nozzle = map(float, named)
     least = thick.min_tube_radius_mm * nozzle / thick.nozzle_mm
@@ -261,7 +261,7 @@ def test_lines_too_close_together_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="run together") as caught:
         require_drawable(survey(scene, targets))
     assert "--lines" not in caught.value.remedy
-    wide = int(re.search(r"the picture (\d+) mm wide", caught.value.remedy)[1])  # type: ignore[index]
+    wide = int(re.search(r"the picture (\d+) mm long", caught.value.remedy)[1])  # type: ignore[index]
     larger = Scene(views=(View(frame_width_mm=float(wide)),))
     scene, targets = widen_targets(resolve(larger), (read_target(tmp_path / "hatched.png"),))
     require_drawable(survey(scene, targets))

@@ -10,6 +10,7 @@ import trimesh
 from pieces import EMPTY, PLA, RADIUS, camera, knots, ring
 from tables import some
 
+from knotfab.base.arrays import Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep
 from knotfab.hold.beams import hold_by_threads
@@ -17,13 +18,18 @@ from knotfab.hold.eyelet import Eyelet, leave_no_gap
 from knotfab.hold.hang import (
     LEAST_SPAN_MM,
     MOST_POSTS,
+    TURN_LOSS,
     HangMount,
     hang_bodies,
     let_swing,
+    lost_by_turning,
     plan_hang,
 )
 from knotfab.hold.space_frame import assemble_frame, round_beams
 from knotfab.hold.struts import GROUND, Candidates
+from knotfab.knots import Knots
+from knotfab.render.silhouette import cast, frame_of
+from knotfab.scene.camera import Camera
 from knotfab_fixtures.holders import eyelet
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing.standing import check_level
@@ -70,6 +76,25 @@ def test_the_part_hangs_level_as_another_library_weighs_it(two: bool, threads: i
         assert np.ptp(mount.threads @ right) >= LEAST_SPAN_MM and np.ptp(mount.threads[:, 2]) < 0.1
     found = check_level(mesh, mount.threads, UP)
     assert found.status == "pass" and found.measured < 1.0
+
+
+def test_several_views_hang_on_two_threads_where_a_turn_costs_their_pictures() -> None:
+    def lost(piece: Knots, views: list[Camera]) -> float:
+        return lost_by_turning(piece, views, [shadow_of(piece, view) for view in views])
+
+    views = [camera(), camera(azimuth_deg=90.0)]
+    assert lost(ONE, views) > TURN_LOSS > lost(ONE, views[:1]) >= 0  # from its side a ring is a rod
+    upright = knots(ring(4.0, n=60) * [1.0, 12.0, 1.0])
+    assert lost(upright, views) < TURN_LOSS
+    assert lost_by_turning(ONE, views, [EMPTY, EMPTY]) == 0
+    shadows = [shadow_of(ONE, view) for view in views]
+    assert len(plan_hang(ONE, views, shadows, 0.4, PLA, 0.8).eyelets) == 2
+
+
+def shadow_of(piece: Knots, view: Camera) -> Mask:
+    ahead = piece.points[piece.rings.next]
+    frame = frame_of(view, np.float32, stretched=True)
+    return cast(piece.points, ahead, frame, piece.radius_mm)
 
 
 @pytest.mark.parametrize("threads", some([2, 1], 2))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -12,10 +11,10 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from knotfab.apps.studio.fields import in_page_words
 from knotfab.apps.studio.pictures import StudioPicture
 from knotfab.base.disk import write_whole
 from knotfab.base.moves import REJECTED, mend
-from knotfab.report.summary import tell_share, told_iou
 from knotfab_formats.errors import InputError
 
 BUILDS = "builds"
@@ -28,6 +27,8 @@ _SHOWN = (
 )  # fmt: skip
 # prefixes of further files
 _ALSO = "table-", "colours", "part-", "setup-"
+_UNREADABLE = "Its report.json cannot be read; its files are below."
+_MOST_ROWS = 8  # of a report, as on a terminal
 
 
 class Record(BaseModel):
@@ -44,40 +45,23 @@ class Record(BaseModel):
 
 class _Verdict(BaseModel):
     word: str | None = None
-    reasons: list[str] = []
-
-
-class _View(BaseModel):
-    iou: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    iou_frame: Annotated[float, Field(allow_inf_nan=False)] | None = None
-
-
-class _Mount(BaseModel):
-    kind: str = ""
 
 
 class _Print(BaseModel):
     time_s: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    filament_g: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    mass_g: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    mount: _Mount | None = None
-    bounding_box_mm: list[Annotated[float, Field(allow_inf_nan=False)]] | None = None
 
 
 class _Row(BaseModel):
     name: str
-    status: str
     text: str
 
 
 class _Report(BaseModel):
     """What the page shows of a report.json."""
 
-    rows: list[_Row] = []
-
     verdict: _Verdict | None = None
-    views: list[_View] = []
     print: _Print | None = None
+    rows: list[_Row] = []
 
 
 class Builds:
@@ -126,22 +110,6 @@ class Builds:
         else:
             self._forget(name)
 
-    def delete(self, name: str) -> None:
-        """Remove a build's folder and record.
-
-        Raises:
-            InputError: there is no such build, or its folder cannot be removed.
-        """
-        try:
-            if (self.folder / self.require(name)).exists():
-                shutil.rmtree(self.folder / name)
-        except OSError as error:
-            why = f"its folder cannot be removed ({error.strerror or error})"
-            raise InputError(
-                f"the build {self.title_of(name)}", why, "Remove it by hand."
-            ) from error
-        self._forget(name)
-
     def require(self, name: str) -> str:
         """Return the name if there is such a build.
 
@@ -181,12 +149,6 @@ class Builds:
     def title_of(self, name: str) -> str:
         return self.records[name].title if name in self.records else name
 
-    def keeps(self, picture: str) -> bool:
-        """Return whether a build used that picture."""
-        return any(
-            r.picture is not None and r.picture.name == picture for r in self.records.values()
-        )
-
     def _is_listed(self, name: str) -> bool:
         folder = self.folder / name
         reports = (folder / "report.json", folder / REJECTED / "report.json")
@@ -225,20 +187,14 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
         found = _read_report(report, report.stat().st_mtime_ns)
     except OSError:
         found = None
-    views = found.views if found else []
-    seen = [(view.iou, view.iou_frame) for view in views if view.iou is not None]
-    verdict, piece = (found and found.verdict) or _Verdict(), (found and found.print) or _Print()
-    standing = piece.mount is not None and piece.mount.kind == "stand"
-    told = [r for r in (found.rows if found else ()) if r.status != "info" or r.name == "aside"]
+    rows = found.rows[:_MOST_ROWS] if found else []
+    time_s = found.print.time_s if found and found.print else None
     return {
         "where": folder.name + (f"/{REJECTED}" if rejected else ""),
-        "readable": found is not None,
-        "verdict": verdict.word,
-        "reasons": [row.text.rstrip(".") for row in told] or verdict.reasons,
-        "alike": [tell_share(told_iou(*ious, standing)) for ious in seen],
-        "hours": None if piece.time_s is None else piece.time_s / 3600,
-        "mass_g": piece.filament_g or piece.mass_g,
-        "size_mm": piece.bounding_box_mm,
+        "verdict": found.verdict.word if found and found.verdict else None,
+        "hours": None if time_s is None else time_s / 3600,
+        "piece": next((row.text.split(";")[0] for row in rows if row.name == "piece"), ""),
+        "told": [in_page_words(row.text) for row in rows] if found else [_UNREADABLE],
         "files": list(dict.fromkeys([*(n for n in _SHOWN if n in held), *further])),
     }
 

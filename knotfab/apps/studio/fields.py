@@ -11,10 +11,9 @@ from typing import Any
 from knotfab.base.errors import OPTION
 from knotfab.picture.fonts import list_families
 from knotfab.pipeline.options import READERS, BuildOptions, options_from
-from knotfab.pipeline.prepare import check_options
 from knotfab.pipeline.values import as_text
 from knotfab.scene.catalogue import materials, printers
-from knotfab_formats.errors import InputError, KnotfabError
+from knotfab_formats.errors import InputError
 
 Value = str | int | float | bool
 _LONGEST = 60  # characters in a field
@@ -33,7 +32,7 @@ _MENUS: dict[str, Callable[[], Iterable[str]]] = {
     "printer": printers, "material": materials, "font": cache(list_families),
     "lamps": lambda: ["rgb", "warm+cold"],
 }  # fmt: skip
-# fields that belong to a picture; another one starts without them
+# fields that belong to a picture: another one starts without them
 READING = ("ink", "crop", "smooth", "lines")
 _FLAGS = ("print", "accept")
 _OPTIONS = {field.name.strip("_") for field in fields(BuildOptions)}
@@ -104,19 +103,12 @@ def in_page_words(sentence: str) -> str:
 class Settings:
     """The contents of the page's fields.
 
-    `values` holds what is valid by itself, and `readings` the fields of pictures that are not chosen first.
-    `wrong` holds the `text` of other fields and `why` it is wrong, or contradicts others.
+    `values` holds what is valid by itself; `wrong` the `text` of other fields and `why` it is wrong.
     """
 
-    def __init__(
-        self,
-        values: Mapping[str, Value] = DEFAULTS,
-        readings: Mapping[str, dict[str, Value]] | None = None,
-    ) -> None:
+    def __init__(self, values: Mapping[str, Value] = DEFAULTS) -> None:
         self.values = {key: value for key, value in values.items() if key in FIELDS}
-        self.readings = dict(readings or {})
         self.wrong: dict[str, dict[str, str]] = {}
-        self._together = ""  # the field that is marked because it contradicts others
 
     def change(self, given: Mapping[str, Any]) -> bool:
         """Set the contents of fields; None or "" resets one. Returns whether any value has changed.
@@ -141,29 +133,15 @@ class Settings:
                 self.values[name] = read
         return self.values != before
 
-    def check(self, options: BuildOptions, changed: str, plain: Callable[[str], str]) -> None:
-        """Mark the field that was `changed` last if the options contradict each other."""
-        if self._together and self._together in self.wrong:
-            del self.wrong[self._together]
-        self._together = ""
-        try:
-            check_options(options)
-        except KnotfabError as error:
-            self._together = changed
-            self._mark(changed, self.values.get(changed), plain(str(error)))
-
     def options(self, text: bool) -> BuildOptions:
         """Return the options of a build, which include the font only for a `text`."""
         given: dict[str, Any] = {k: v for k, v in self.values.items() if k != "font" or text}
         return options_from(given)
 
-    def pass_on(self, before: str, after: str) -> None:
-        """Store the reading fields with the picture `before`, and load those of the one `after`."""
-        if before == after:
-            return
-        self.readings[before] = {k: self.values.pop(k) for k in READING if k in self.values}
-        self.values |= self.readings.get(after, {})
+    def forget_reading(self) -> None:
+        """Reset the fields of a picture, before another one is read."""
         for key in READING:
+            self.values.pop(key, None)
             self.wrong.pop(key, None)
 
     def _mark(self, name: str, held: object, why: str) -> None:

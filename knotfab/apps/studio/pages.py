@@ -73,20 +73,12 @@ async def show_choices(_: Request) -> Response:
 
 
 def _titled(kind: Kind, found: Mapping[str, Any]) -> list[dict[str, object]]:
-    return [
-        {
-            "name": name,
-            "title": title_of(kind, name),
-            "process": one.process,
-            "volume_mm": getattr(one, "build_volume_mm", None),
-        }
-        for name, one in found.items()
-    ]
+    return [{"name": name, "title": title_of(kind, name)} for name, one in found.items()]
 
 
 async def show_picture(request: Request) -> Response:
-    studio, name = request.app.state.studio, request.path_params["name"]
-    return _show(thumbnail(studio.picture_folder, name) if name in studio.pictures else None)
+    shown = thumbnail(request.app.state.studio.picture_folder, request.path_params["name"])
+    return _show(child_of(shown.parent, shown.name))
 
 
 async def show_panel(request: Request) -> Response:

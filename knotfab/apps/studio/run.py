@@ -296,13 +296,10 @@ async def _add_text(studio: Studio, text: str) -> dict[str, Any]:
 # what the page may call below /api/; the keys of a call's body are the parameters
 CALLS: dict[str, Callable[..., Any]] = {
     "text": _add_text,
-    "choose": Studio.choose,
     "settings": Studio.set,
     "build": Studio.press,
     "stop": Studio.stop,
     "open": Studio.open_build,
-    "delete": Studio.delete,
-    "remove": Studio.remove_picture,
 }
 
 

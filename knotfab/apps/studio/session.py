@@ -16,7 +16,7 @@ from knotfab.apps.batch.worker import list_arguments
 from knotfab.apps.studio.broadcast import Event, Listener, LiveBuild
 from knotfab.apps.studio.builds import Builds, Record, child_of, describe_folder
 from knotfab.apps.studio.fields import DEFAULTS, FIELDS, Settings, Value, in_page_words
-from knotfab.apps.studio.pictures import StudioPicture, preview, thumbnail
+from knotfab.apps.studio.pictures import StudioPicture, preview
 from knotfab.base.disk import write_whole
 from knotfab.base.errors import explain_error, keep_traceback
 from knotfab.base.moves import REJECTED
@@ -36,10 +36,8 @@ class _Memory(BaseModel):
 
     model_config = ConfigDict(extra="ignore")
 
-    pictures: tuple[StudioPicture, ...] = ()
-    chosen: str = ""
+    picture: StudioPicture | None = None
     settings: dict[str, Value] = dict(DEFAULTS)
-    readings: dict[str, dict[str, Value]] = {}
     current: str = ""
 
 
@@ -56,8 +54,7 @@ class Studio:
         self._reported = False  # whether the build wrote its report
         self.folder = folder
         self.builds = Builds(folder)
-        self.pictures: dict[str, StudioPicture] = {}
-        self.chosen = ""
+        self.picture: StudioPicture | None = None
         self.settings = Settings()
         self.current = ""  # the build that is shown
         self.preview: dict[str, Any] = dict(_NO_PREVIEW)
@@ -72,7 +69,7 @@ class Studio:
     async def open(self) -> None:
         """Restore the state, and start a process for the first build."""
         self._remember()
-        if self.chosen:
+        if self.picture is not None:
             self.renew()
         await asyncio.to_thread(self._prepare)
 
@@ -91,11 +88,9 @@ class Studio:
         return self.status["phase"] in ("running", "stopping")
 
     def describe(self) -> dict[str, Any]:
-        tray = [picture.model_dump(exclude={"file"}) for picture in self.pictures.values()]
         return {
             "build": self.status,
-            "pictures": tray,
-            "chosen": self.chosen,
+            "picture": self.picture and self.picture.model_dump(exclude={"file"}),
             "settings": self.settings.values,
             "wrong": self.settings.wrong,
             "preview": self.preview,
@@ -132,43 +127,10 @@ class Studio:
             listener.put(text, frame)
 
     def add_picture(self, picture: StudioPicture) -> None:
-        """Add a picture, and choose it."""
-        self.pictures[picture.name] = picture
-        self.choose(picture.name)
-
-    def choose(self, name: str) -> None:
-        """Choose a picture; what was seen of the one before goes at once.
-
-        Raises:
-            InputError: there is no such picture.
-        """
-        self._require(name)
-        if name != self.chosen:
-            self.settings.pass_on(self.chosen, name)
-            self.chosen, self.preview, self.panels = name, dict(_NO_PREVIEW), []
-        self.renew()
-
-    def _require(self, name: str) -> StudioPicture:
-        if name not in self.pictures:
-            what = f"the picture {name[:80]}"
-            raise InputError(what, "there is none of that name", "Drop it again.")
-        return self.pictures[name]
-
-    def remove_picture(self, name: str) -> None:
-        """Remove a picture from the tray, and its file too unless a build used it.
-
-        Raises:
-            InputError: there is no such picture.
-        """
-        picture = self._require(name)
-        if name == self.chosen:
-            self.chosen = ""
-        del self.pictures[name]
-        self.settings.readings.pop(name, None)
-        if not self.builds.keeps(name) and not self.running:
-            for path in (self.picture_folder / picture.file, thumbnail(self.picture_folder, name)):
-                with contextlib.suppress(OSError):
-                    path.unlink(missing_ok=True)
+        """Show a picture in place of the one before, of which nothing stays."""
+        if picture != self.picture:
+            self.settings.forget_reading()
+            self.picture, self.preview, self.panels = picture, dict(_NO_PREVIEW), []
         self.renew()
 
     def set(self, given: Mapping[str, Any]) -> None:
@@ -178,7 +140,6 @@ class Studio:
             InputError: there is no such setting, or a value is wrong.
         """
         changed = self.settings.change(given)
-        self.settings.check(self._options(), next(reversed([*given]), "accuracy"), self.plain)
         if changed:
             self.renew()
         else:
@@ -189,13 +150,12 @@ class Studio:
                 raise InputError(FIELDS[name], why, "")
 
     def _options(self) -> BuildOptions:
-        chosen = self.pictures.get(self.chosen)
-        return self.settings.options(chosen is not None and chosen.text is not None)
+        return self.settings.options(self.picture is not None and self.picture.text is not None)
 
     def renew(self) -> None:
         """Save the state, send it to all tabs, and make a new preview."""
         self._previews += 1
-        if self.chosen:
+        if self.picture is not None:
             self.preview = {**self.preview, "looking": True}
             asyncio.get_running_loop().create_task(self._look(self._previews))
         else:
@@ -225,7 +185,7 @@ class Studio:
         self.tell_state()
 
     def _sources(self) -> list[str]:
-        return [self.pictures[self.chosen].source(self.picture_folder)]
+        return [] if self.picture is None else [self.picture.source(self.picture_folder)]
 
     def _prepare(self) -> None:
         if self.warm and not self.builder.ended.is_set():
@@ -239,16 +199,16 @@ class Studio:
         """
         if self.running:
             raise InputError("the build", "one runs already", "Stop it first, or wait for it.")
-        if not self.chosen:
+        picture = self.picture
+        if picture is None:
             raise InputError("the build", "no picture is chosen", "Drop one, or type a text.")
         if self.settings.wrong:
             fields = ", ".join(FIELDS[name] for name in self.settings.wrong)
             raise InputError(fields, "this is not right yet", "Correct what is marked, then build.")
-        picture = self.pictures[self.chosen]
         record = Record(title=picture.title, picture=picture, settings=dict(self.settings.values))
         # behind "--" nothing is taken for an option
         arguments = [*list_arguments(self._options()), "--", *self._sources()]
-        name = self.builds.begin(self.chosen, record)
+        name = self.builds.begin(picture.name, record)
         loop = asyncio.get_running_loop()
         out = self.builds.folder / name
         self.begin(out, self.builds.title_of(name))
@@ -285,27 +245,8 @@ class Studio:
                 raise InputError(
                     f"the picture {picture.title}", "its file is gone", "Drop it again."
                 )
-            self.pictures.setdefault(picture.name, picture)
-            self.settings.pass_on(self.chosen, picture.name)
-            self.chosen = picture.name
-            self.settings = Settings(record.settings, self.settings.readings)
-            self.settings.check(self._options(), "accuracy", self.plain)
+            self.picture, self.settings = picture, Settings(record.settings)
         self.renew()
-
-    def delete(self, name: str) -> None:
-        """Delete a build.
-
-        Raises:
-            InputError: it runs, there is no such build, or it cannot be removed.
-        """
-        if self.running and name == self.current:
-            raise InputError("the build", "it runs", "Stop it first.")
-        self.builds.delete(name)
-        if name == self.current:
-            self.status, self.current = {"phase": "idle"}, ""
-            self.scene = self.frame = None
-        self.keep()
-        self.tell_state()
 
     def _show(self, name: str) -> None:
         found, record = self.builds.describe(name), self.builds.records.get(name)
@@ -375,8 +316,7 @@ class Studio:
     def keep(self) -> None:
         """Save the state for a restart, if the disk has room."""
         memory = _Memory(
-            pictures=tuple(self.pictures.values()), chosen=self.chosen,
-            settings=self.settings.values, readings=self.settings.readings, current=self.current,
+            picture=self.picture, settings=self.settings.values, current=self.current,
         )  # fmt: skip
         with contextlib.suppress(InputError):
             write_whole(self.folder / _MEMORY, memory.model_dump_json(indent=1).encode())
@@ -387,9 +327,9 @@ class Studio:
             memory = _Memory.model_validate_json((self.folder / _MEMORY).read_bytes())
         except (OSError, ValueError):
             return
-        held = (p for p in memory.pictures if (self.picture_folder / Path(p.file).name).is_file())
-        self.pictures = {picture.name: picture for picture in held}
-        self.chosen = memory.chosen if memory.chosen in self.pictures else ""
-        self.settings = Settings(memory.settings, memory.readings)
+        picture = memory.picture
+        if picture is not None and (self.picture_folder / Path(picture.file).name).is_file():
+            self.picture = picture
+        self.settings = Settings(memory.settings)
         if memory.current in self.builds.names():
             self._show(memory.current)

@@ -103,7 +103,7 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.wait_for_selector("#smooth[aria-invalid=true]:focus")
     assert "This is no number" in page.inner_text("#smooth-wrong") and page.is_hidden("#stop")
     assert violations(page) == []
-    page.select_option("#plate", "outline")
+    page.select_option("#plate", "rounded")
     page.select_option("#supports", "slicer")
     with page.expect_response("**/api/settings"):  # what is told meanwhile leaves what is typed
         page.fill("#smooth", "1,5")
@@ -127,15 +127,11 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     page.click("#build")  # again: the one before stays
     page.wait_for_selector("#builds li:nth-child(2)")
     assert page.inner_text("#builds li:nth-child(1) .open").startswith("drawing 2")
-    page.click("#builds li:nth-child(1) [aria-label^=Delete]")
-    assert violations(page) == []
-    page.click("#ask-press")
-    page.wait_for_selector("#builds li:nth-child(2)", state="detached")
-    page.click("#builds .open")
+    page.click("#builds li:nth-child(2) .open")
     page.wait_for_selector("#builds [aria-current=true]")
     page.reload()  # the state is the server's
-    page.wait_for_selector("#pictures button[aria-pressed=true]")
-    assert page.is_checked("input[value=wall]") and page.input_value("#plate") == "outline"
+    page.wait_for_selector("#survey:not([hidden])")
+    assert page.is_checked("input[value=wall]") and page.input_value("#plate") == "rounded"
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     panel, stage = (page.locator(part).bounding_box() for part in ("#panel", "#stage"))
@@ -145,7 +141,7 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     assert page.is_visible("#text")
     page.fill("#text", "wrong")
     page.keyboard.press("Enter")
-    page.wait_for_selector("#pictures li:nth-child(2) button[aria-pressed=true]")
+    page.wait_for_selector("#survey-lines :text('wrong:')")  # in place of the drawing
     page.focus("#build")
     page.keyboard.press("Enter")
     page.wait_for_selector("#said.bad")

@@ -40,12 +40,7 @@ def open_studio() -> Iterator[tuple[subprocess.Popen[str], OpenerDirector, str]]
 
 def begin_build(page: OpenerDirector, address: str) -> None:
     """Let the studio build a letter finely, and wait until its search runs."""
-    for path, body in (
-        ("text", {"text": "A"}),
-        ("choose", {"name": "A"}),
-        ("settings", {"accuracy": "fine"}),
-        ("build", {}),
-    ):
+    for path, body in (("text", {"text": "A"}), ("settings", {"accuracy": "fine"}), ("build", {})):
         page.open(Request(f"{address}/api/{path}", json.dumps(body).encode())).read()
     while b'"search"' not in page.open(f"{address}/api/state").read():
         time.sleep(0.1)

@@ -50,13 +50,3 @@ export async function attempt(place, promise) {
     return null;
   }
 }
-
-/* Ask in a dialog, and wait for yes or no. */
-export function askPerson(question, press) {
-  const dialog = byId("ask");
-  byId("ask-question").textContent = question;
-  byId("ask-press").textContent = press;
-  dialog.returnValue = "";
-  dialog.showModal();
-  return new Promise((done) => dialog.addEventListener("close", () => done(dialog.returnValue === "yes"), { once: true }));
-}

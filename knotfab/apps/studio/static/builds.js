@@ -1,5 +1,5 @@
 /* What was built: the list, and a result with its files and its report. */
-import { askPerson, attempt, byId, capital, element, post } from "./api.js";
+import { attempt, byId, capital, element, post } from "./api.js";
 
 const SHOWN = 4; // files, before the others unfold
 let select = () => {};
@@ -13,15 +13,10 @@ export function showBuilds(state, selectTab) {
 }
 
 function row(built, current, running) {
-  const { name, title, result, picture } = built;
+  const { title, result, picture } = built;
   const image = picture ? element("img", { src: `/pictures/${encodeURIComponent(picture)}.png`, alt: "" }) : "";
   const told = result ? brief(result) : "stopped";
-  const open = element("button", { type: "button", class: "open", "aria-current": current && "true", title: `${title}: ${told}`, click: () => show(built, running) }, image, element("span", {}, title, element("small", {}, told)));
-  const remove = element("button", { type: "button", class: "act", "aria-label": `Delete ${title}`, title: "Delete", click: async () => {
-    if (await askPerson(`Delete ${title} with all its files? They cannot be brought back.`, "Delete"))
-      attempt("builds-error", post("/api/delete", { name }));
-  } }, "✕");
-  return element("li", {}, open, remove);
+  return element("li", {}, element("button", { type: "button", class: "open", "aria-current": current && "true", title: `${title}: ${told}`, click: () => show(built, running) }, image, element("span", {}, title, element("small", {}, told))));
 }
 
 /* While another build runs, an old one's result can be looked at; else its picture and settings come back too. */
@@ -44,8 +39,7 @@ export function showResult(built, title, anew = false) {
   byId("result").hidden = false;
   byId("result-title").textContent = title;
   byId("verdict").textContent = built.where.endsWith("/rejected") ? "A required check failed" : capital(built.verdict ?? "built");
-  const told = built.readable ? [brief({ ...built, verdict: null }), ...built.reasons] : ["Its report.json cannot be read; its files are below"];
-  byId("figures").textContent = told.filter(Boolean).join(". ");
+  byId("figures").replaceChildren(...[brief({ ...built, verdict: null }), ...built.told].filter(Boolean).map((text) => element("li", {}, text)));
   const main = built.files.find((name) => name === "part.3mf");
   byId("download").hidden = !main;
   byId("download").textContent = `Download ${main}`;
@@ -63,11 +57,7 @@ export function brief(built) {
   const parts = [];
   if (built.where.endsWith("/rejected")) parts.push("a check failed");
   if (built.verdict) parts.push(built.verdict);
-  const alike = built.alike;
-  const most = [...alike].sort((a, b) => parseFloat(a) - parseFloat(b));
-  if (alike.length) parts.push(`${alike.length > 4 ? `${most[0]} to ${most.at(-1)}` : alike.join(", ")} alike`);
   if (built.hours) parts.push(`${built.hours.toFixed(1)} h`);
-  if (built.mass_g) parts.push(`${Math.round(built.mass_g)} g`);
-  if (built.size_mm) parts.push(`${built.size_mm.map((v) => Math.round(v)).join(" × ")} mm`);
+  if (built.piece) parts.push(built.piece);
   return parts.join(", ");
 }

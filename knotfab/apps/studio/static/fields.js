@@ -18,7 +18,7 @@ const LISTS = {
   ],
   "print-fields": [
     ["mount", "choice", { auto: "Auto", wall: "Wall", stand: "Stand", hang: "Hang", none: "None" }],
-    ["plate", "menu", { "": "as the mount needs it", pegs: "small, with pegs", outline: "in the picture's outline", full: "the whole frame" }],
+    ["plate", "menu", { "": "as it holds best", roots: "roots, in its own shadow", rounded: "a thin rectangle", full: "the whole frame", pegs: "pegs, off the wall" }],
     ["supports", "menu", { "": "without, where that works", none: "without", slicer: "the slicer's" }],
     ["accuracy", "choice", { sketch: "Sketch", draft: "Draft", standard: "Standard", fine: "Fine" }],
     ["printer", "menu", {}],
@@ -28,7 +28,6 @@ const LISTS = {
   ],
 };
 let labels = {};
-const volumes = {};
 const inputs = {};
 const ranges = {};
 
@@ -58,18 +57,15 @@ function build([name, kind, about]) {
   const label = element("label", { for: name }, labels[name]);
   if (kind === "menu") {
     inputs[name] = element("select", { id: name, ...described(name, {}), change: (e) => set(name, e.target.value) }, ...Object.entries(about).map(([value, text]) => element("option", { value }, text)));
-    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, inputs[name]), wrongOf(name), element("p", { class: "hint", id: `${name}-hint` }));
+    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, inputs[name]), wrongOf(name));
   }
-  const input = element("input", { type: "text", id: name, inputmode: "decimal", ...WORDS, ...described(name, about), placeholder: about.placeholder ?? about.usual, ...(about.inputmode ? { inputmode: about.inputmode } : {}), change: () => set(name, input.value) });
+  const input = element("input", { type: "text", id: name, inputmode: "decimal", ...WORDS, ...described(name, about), placeholder: about.usual, change: () => set(name, input.value) });
   inputs[name] = input;
   const unit = element("span", {}, about.unit ?? "");
-  if (kind === "text") {
-    return element("div", { class: "line" }, element("div", { class: "field wide" }, label, input, unit), ...below(name, about));
-  }
-  const { to = (x) => x, min, max, step } = about;
+  const { min, max, step } = about;
   let waiting = 0;
   const range = element("input", { type: "range", min, max, step, "aria-label": `${labels[name]}${about.unit ? `, ${about.unit}` : ""}`, input: () => {
-    input.value = to(Number(range.value));
+    input.value = range.value;
     clearTimeout(waiting);
     waiting = setTimeout(() => set(name, input.value), 150);
   } });
@@ -82,7 +78,6 @@ const wrongOf = (name) => element("p", { class: "wrong", id: `${name}-wrong`, ro
 const below = (name, { hint }) => [wrongOf(name), ...(hint ? [element("p", { class: "hint", id: `${name}-hint` }, hint)] : [])];
 
 function fillPrinters({ printers, usual }) {
-  for (const { name, volume_mm: v } of printers) volumes[name === usual ? "" : name] = v.map((side) => Math.round(side)).join(" × ");
   const order = [...printers].sort((a, b) => a.title.localeCompare(b.title));
   const own = order.find((p) => p.name === usual);
   inputs.printer.append(element("option", { value: "" }, `${own.title} (usual)`), ...order.filter((p) => p !== own).map((p) => element("option", { value: p.name }, p.title)));
@@ -92,11 +87,9 @@ function fillMaterials(materials) {
   inputs.material.append(element("option", { value: "" }, "the printer's usual one"), ...materials.map(({ name, title }) => element("option", { value: name }, title)));
 }
 
-export const set = (name, value) => setAll({ [name]: value });
-
-export function setAll(settings) {
+function set(name, value) {
   // what is wrong comes back with the state, and is shown at the field
-  post("/api/settings", settings).catch((error) => {
+  post("/api/settings", { [name]: value }).catch((error) => {
     if (error.message.startsWith("The studio")) byId("setting-error").textContent = error.message;
   });
 }
@@ -113,7 +106,6 @@ export function showFields(state) {
     else input.value = value ?? "";
   }
   if (inputs.printer.selectedIndex < 0) inputs.printer.value = "";
-  byId("printer-hint").textContent = `Prints up to ${volumes[inputs.printer.value]} mm.`;
   for (const name of ["mount", "accuracy"]) for (const input of document.getElementsByName(name)) input.checked = input.value === state.settings[name];
   for (const mark of document.querySelectorAll(".wrong")) mark.textContent = state.wrong[mark.id.slice(0, -6)]?.why ?? "";
   const frame = state.preview.views?.[0]?.frame_mm[0];
@@ -121,9 +113,9 @@ export function showFields(state) {
   for (const [name, [range, about]] of Object.entries(ranges)) {
     if (range === document.activeElement) continue;
     const value = state.settings[name] ?? (name === "width" ? frame : null) ?? about.usual;
-    range.value = (about.from ?? ((x) => x))(Number(value));
+    range.value = Number(value);
   }
-  byId("font-row").hidden = !state.pictures.some((p) => p.text !== null && p.name === state.chosen) && byId("source-text").hidden;
+  byId("font-row").hidden = !state.picture?.text && byId("source-text").hidden;
 }
 
 /* Go to the first field that is wrong; its sentence stands below it. */

@@ -3,17 +3,16 @@ import { asLists, drawShadow, drawSide, unpack } from "./project.js";
 
 const byId = (id) => document.getElementById(id);
 
-/* "none", "software" (a processor draws, which the build needs), or "hardware". */
-function findGraphics() {
+/* Whether a graphics processor draws: without one, 3D would take the build's time. */
+function hasGraphics() {
   try {
     const context = window.KnotfabViewer && document.createElement("canvas").getContext("webgl2");
-    if (!context) return "none";
-    const told = context.getExtension("WEBGL_debug_renderer_info");
+    const told = context?.getExtension("WEBGL_debug_renderer_info");
     const name = told ? context.getParameter(told.UNMASKED_RENDERER_WEBGL) : "";
-    context.getExtension("WEBGL_lose_context")?.loseContext();
-    return /swiftshader|llvmpipe|softpipe|software/i.test(name) ? "software" : "hardware";
+    context?.getExtension("WEBGL_lose_context")?.loseContext();
+    return Boolean(context) && !/swiftshader|llvmpipe|softpipe|software/i.test(name);
   } catch {
-    return "none";
+    return false;
   }
 }
 
@@ -36,13 +35,7 @@ export class Stage {
     this.waiting = false;
     this.resting = 0; // until then nothing is drawn: drawing must not take the build's time
     this.data = null;
-    const graphics = findGraphics();
-    this.lay(graphics !== "hardware");
-    byId("flat").hidden = graphics === "none";
-    byId("flat").addEventListener("click", () => {
-      this.lay(!this.flat);
-      this.renew();
-    });
+    this.lay(!hasGraphics());
     this.turnByHand(byId("side"));
     new ResizeObserver(() => this.ask()).observe(byId("shadow"));
   }
@@ -53,8 +46,6 @@ export class Stage {
     document.querySelector(".live").classList.toggle("flat", flat);
     byId("viewer").hidden = flat;
     byId("side").hidden = !flat;
-    byId("flat").textContent = flat ? "Show it in 3D" : "Show it flat";
-    byId("flat").setAttribute("aria-pressed", String(!flat));
   }
 
   /* What the knots are drawn with: an event "scene" of the build. */
@@ -80,7 +71,6 @@ export class Stage {
     } catch (error) {
       console.warn("no 3D view here:", error.message);
       this.lay(true);
-      byId("flat").hidden = true;
     }
     this.ask();
   }

@@ -4,7 +4,7 @@ import { brief, clearResult, showBuilds, showResult } from "./builds.js";
 import { buildFields, labelsOf, showFields, showWrong } from "./fields.js";
 import { Stage } from "./stage.js";
 import { showPreview } from "./survey.js";
-import { listenToPictures, showPictures } from "./tray.js";
+import { listenToPictures } from "./picture.js";
 
 const LATE_S = 2; // so long after its estimate a build takes longer than usual
 const stage = new Stage();
@@ -58,10 +58,9 @@ function show(next) {
 }
 
 function showPanel(before, next) {
-  showPictures(next);
   showFields(next);
   showBuilds(next, select);
-  const seen = (one) => JSON.stringify([one.preview.number, one.preview.error, one.preview.looking, one.chosen]);
+  const seen = (one) => JSON.stringify([one.preview.number, one.preview.error, one.preview.looking, one.picture?.name]);
   if (!before || seen(before) !== seen(next)) showPreview(next);
 }
 
@@ -69,7 +68,7 @@ function showBuild() {
   const { phase, share, iou, left_s: left, sentence, result } = state.build;
   const running = phase === "running" || phase === "stopping";
   byId("build").hidden = running;
-  byId("build").disabled = !state.chosen;
+  byId("build").disabled = !state.picture;
   byId("stop").hidden = !running;
   byId("stop").disabled = phase === "stopping";
   byId("bar").value = running || phase === "done" || phase === "rejected" ? share ?? 0 : 0;
@@ -77,7 +76,7 @@ function showBuild() {
   until = running && left != null ? performance.now() + 1000 * left : null;
   const wrong = Object.keys(state.wrong ?? {});
   const words = {
-    idle: state.chosen ? "Ready." : "Choose a picture to begin.",
+    idle: state.picture ? "Ready." : "Choose a picture to begin.",
     running: doing(),
     stopping: "Stopping …",
     done: `${state.build.title}: every required check passed. ${result ? brief(result) : ""}`,
@@ -87,8 +86,8 @@ function showBuild() {
   };
   const mend = !running && wrong.length > 0;
   // what was built last is another piece
-  const other = !running && state.current && state.chosen !== state.builds.find((b) => b.name === state.current)?.picture;
-  byId("said").textContent = mend ? `Not right yet: ${labelsOf(wrong)}.` : words[other && state.chosen ? "idle" : phase];
+  const other = !running && state.current && state.picture?.name !== state.builds.find((b) => b.name === state.current)?.picture;
+  byId("said").textContent = mend ? `Not right yet: ${labelsOf(wrong)}.` : words[other && state.picture ? "idle" : phase];
   byId("said").classList.toggle("bad", mend || (!other && (phase === "failed" || phase === "rejected")));
   if (other) byId("bar").value = 0;
 }

@@ -10,9 +10,9 @@ export function showWork(words) {
   byId("build").disabled = Boolean(words) || empty;
 }
 
-export function showPreview({ preview, chosen }) {
+export function showPreview({ preview, picture }) {
   const { lines, error, number, panels, views, looking } = preview;
-  const seen = lines.length > 0 && chosen !== "";
+  const seen = lines.length > 0 && picture !== null;
   byId("survey-error").textContent = error;
   byId("survey").classList.toggle("looking", Boolean(looking));
   if (seen) {

@@ -1,23 +1,9 @@
-/* Pictures: where they come from, and the tray. */
+/* Where the picture comes from: a file, what is dropped or pasted, or a text. */
 import { attempt, byId, call, element, post } from "./api.js";
 import { showWork } from "./survey.js";
 
 const LARGEST_MB = 32;
-const GLYPHS = ["♞", "☺", "♥", "✈", "⚓", "♫", "★", "☂"];
 let select = () => {};
-
-export function showPictures(state) {
-  byId("pictures").replaceChildren(...state.pictures.map((picture) => thumbnail(picture, state.chosen)));
-}
-
-function thumbnail({ name, title }, chosen) {
-  const image = element("img", { src: `/pictures/${encodeURIComponent(name)}.png`, alt: "" });
-  const choose = () => attempt("picture-error", post("/api/choose", { name }));
-  const button = element("button", { type: "button", class: "thumb", "aria-pressed": String(name === chosen), "aria-label": `Picture ${title}`, title, click: choose }, image);
-  const label = `Remove ${title} from the tray`;
-  const remove = element("button", { type: "button", class: "small remove", "aria-label": label, title: label, click: () => attempt("picture-error", post("/api/remove", { name })) }, "✕");
-  return element("li", {}, button, remove);
-}
 
 function upload(blob, name) {
   if (blob.size > LARGEST_MB * 2 ** 20)
@@ -52,5 +38,4 @@ export function listenToPictures(selectTab) {
   byId("text").addEventListener("keydown", (e) => {
     if (e.key === "Enter") { e.preventDefault(); useText(); }
   });
-  byId("glyphs").append(...GLYPHS.map((glyph) => element("button", { type: "button", "aria-label": `Symbol ${glyph}`, click: () => { byId("text").value = glyph; useText(); } }, glyph)));
 }
