@@ -208,6 +208,8 @@ class Obstacles(Way):
     def clear(self, some: Candidates, but: int | None = None) -> Mask:
         """Do what `Way.clear` says; at the ground posts are wider by `ROOT_SHARE`."""
         free = np.ones(len(some), dtype=bool)
+        if not len(some):
+            return free
         gap = self.tube + self.clearance + self.slack
         post = some.second == GROUND
         root = np.where(post, ROOT_SHARE, 1.0) * some.radius

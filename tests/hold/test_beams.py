@@ -289,6 +289,7 @@ def test_a_strand_that_runs_along_its_own_strut_is_in_the_way() -> None:
             one([0, 0, 0], [0, 40, 0], 1.0), first=np.array([joint]), second=np.array([far])
         )
         assert Obstacles(own, sites, 0.4).clear(strut)[0] == free
+        assert len(Obstacles(own, sites, 0.4).clear(strut.take([]))) == 0
 
 
 def test_struts_meet_their_tubes_squarely() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +25,6 @@ if TYPE_CHECKING:
 
 
 LARGEST_BYTES = 32 * 2**20  # of a picture
-_LARGEST_PIXELS = 40_000_000
 _SHOWN_PX = 1024  # longer side of a thumbnail, and of a picture on the page
 
 
@@ -74,8 +71,6 @@ def _keep_picture(data: bytes, what: str, folder: Path) -> StudioPicture:
         image, _ = raster.decode(render_svg(data, what)[0], what)
         suffix = ".svg"
     else:
-        if raster.looks_like_raster(data):
-            _check_pixels(data, what)
         image, kind = raster.decode(data, what)  # says what it is not
         suffix = raster.SUFFIXES[kind][0]
     path = _save_picture(data, name_picture(what), suffix, folder)
@@ -129,21 +124,6 @@ def too_large(what: str, largest: int = LARGEST_BYTES) -> TooLargeError:
         f"it has more than {LARGEST_BYTES // 2**20} MB, too much for a picture",
         "Scale it down; about 1000 pixels on a side are enough.",
     )
-
-
-def _check_pixels(data: bytes, what: str) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            width, height = Image.open(io.BytesIO(data)).size
-        except Exception:  # decode says what is wrong with it
-            return
-    if width * height > _LARGEST_PIXELS:
-        raise InputError(
-            what,
-            f"it has {width} x {height} pixels, more than {_LARGEST_PIXELS // 10**6} million",
-            "Scale it down; about 1000 pixels on a side are enough.",
-        )
 
 
 def _keep_thumbnail(image: Image.Image, path: Path) -> None:

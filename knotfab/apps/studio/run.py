@@ -12,13 +12,13 @@ import threading
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import cache, partial
-from inspect import isawaitable, signature
+from inspect import isawaitable
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal, get_type_hints
+from typing import Any
 
 import uvicorn
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from pydantic import ConfigDict, TypeAdapter, ValidationError, validate_call
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
@@ -220,17 +220,18 @@ async def _add_picture(request: Request) -> Response:
 async def _call(name: str, request: Request) -> Response:
     act = CALLS[name]
     body = await _read_body(request, _LARGEST_JSON, "the call")
+    studio = request.app.state.studio
     try:
-        asked = _body_of(act).model_validate_json(body or b"{}")
+        given = _OBJECT.validate_json(body or b"{}")
+        done = act(studio, given) if act is Studio.set else _checked(act)(studio, **given)
+        found = await done if isawaitable(done) else {}
     except ValidationError as error:
-        found = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(str(part)[:40] for part in found["loc"])
-        why = found["msg"].replace("\n", " ")
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(str(part)[:40] for part in first["loc"])
+        why = first["msg"].replace("\n", " ")
         why = f"{where}: {why[:1].lower()}{why[1:]}" if where else why[:1].lower() + why[1:]
         raise InputError("the call", why, "Load the page again.") from error
-    studio, given = request.app.state.studio, dict(asked)
-    done = act(studio, given) if act is Studio.set else act(studio, **given)
-    return JSONResponse(await done if isawaitable(done) else {})
+    return JSONResponse(found)
 
 
 async def _read_body(request: Request, largest: int, what: str) -> bytes:
@@ -303,14 +304,10 @@ CALLS: dict[str, Callable[..., Any]] = {
 }
 
 
+_OBJECT = TypeAdapter(dict[str, Any])
+
+
 @cache
-def _body_of(act: Callable[..., Any]) -> type[BaseModel]:
-    """Make the model of a call's JSON body from the parameters of what it does."""
-    hints, fields = get_type_hints(act), dict[str, Any]()
-    for name, parameter in [*signature(act).parameters.items()][1:]:
-        default = ... if parameter.default is parameter.empty else parameter.default
-        fields[name] = hints[name], default
-    extra: Literal["allow", "forbid"] = "forbid"
-    if act is Studio.set:  # its body is the settings themselves
-        fields, extra = {}, "allow"
-    return create_model(act.__name__, __config__=ConfigDict(extra=extra, strict=True), **fields)
+def _checked(act: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `act` with its arguments checked, as they come from a page."""
+    return validate_call(act, config=ConfigDict(strict=True, arbitrary_types_allowed=True))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -50,7 +49,6 @@ class Studio:
         self.scene: str | None = None  # the last events of these kinds, for a tab opened later
         self.frame: str | None = None
         self.listeners: set[Listener] = set()
-        self._pressed = 0.0
         self._reported = False  # whether the build wrote its report
         self.folder = folder
         self.builds = Builds(folder)
@@ -261,7 +259,7 @@ class Studio:
     def begin(self, out: Path, title: str) -> None:
         """Set the status to that of a build that starts, which will write the folder `out`."""
         self.scene = self.frame = None
-        self.out, self._pressed, self._reported = out, time.monotonic(), False
+        self.out, self._reported = out, False
         self.status = {
             "phase": "running", "name": out.name, "title": title, "stage": "start", "share": 0.0, "notes": [],
         }  # fmt: skip
@@ -275,8 +273,6 @@ class Studio:
         if kind == "end":
             self._reported = True
         elif kind == "knots":
-            if self.frame is None:
-                self.status["first_frame_s"] = round(time.monotonic() - self._pressed, 3)
             self.frame = text
         elif kind == "scene":
             self.scene = text

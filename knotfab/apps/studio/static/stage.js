@@ -36,7 +36,6 @@ export class Stage {
     this.resting = 0; // until then nothing is drawn: drawing must not take the build's time
     this.data = null;
     this.lay(!hasGraphics());
-    this.turnByHand(byId("side"));
     new ResizeObserver(() => this.ask()).observe(byId("shadow"));
   }
 
@@ -111,28 +110,6 @@ export class Stage {
     else if (this.viewer) this.viewer.setCurves(asLists(this.curves), this.radius);
     this.frames += 1;
     document.documentElement.dataset.frames = this.frames;
-  }
-
-  turnByHand(canvas) {
-    let from = null;
-    canvas.addEventListener("pointerdown", (e) => {
-      from = [e.clientX, e.clientY];
-      canvas.setPointerCapture(e.pointerId);
-    });
-    canvas.addEventListener("pointermove", (e) => {
-      if (!from) return;
-      this.turn = [this.turn[0] + (e.clientX - from[0]) / 120, this.turn[1] + (e.clientY - from[1]) / 120];
-      from = [e.clientX, e.clientY];
-      this.ask();
-    });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (from = null));
-    canvas.addEventListener("keydown", (e) => {
-      const by = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, -0.15], ArrowDown: [0, 0.15] }[e.key];
-      if (!by) return;
-      e.preventDefault();
-      this.turn = [this.turn[0] + by[0], this.turn[1] + by[1]];
-      this.ask();
-    });
   }
 }
 
