@@ -7,11 +7,10 @@ import os
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from knotfab.apps.studio.fields import in_page_words
 from knotfab.apps.studio.pictures import StudioPicture
 from knotfab.base.disk import write_whole
 from knotfab.base.moves import REJECTED, mend
@@ -27,8 +26,7 @@ _SHOWN = (
 )  # fmt: skip
 # prefixes of further files
 _ALSO = "table-", "colours", "part-", "setup-"
-_UNREADABLE = "Its report.json cannot be read; its files are below."
-_MOST_ROWS = 8  # of a report, as on a terminal
+_UNREADABLE = "its report.json cannot be read; its files are below"
 
 
 class Record(BaseModel):
@@ -47,10 +45,6 @@ class _Verdict(BaseModel):
     word: str | None = None
 
 
-class _Print(BaseModel):
-    time_s: Annotated[float, Field(allow_inf_nan=False)] | None = None
-
-
 class _Row(BaseModel):
     name: str
     text: str
@@ -60,7 +54,6 @@ class _Report(BaseModel):
     """What the page shows of a report.json."""
 
     verdict: _Verdict | None = None
-    print: _Print | None = None
     rows: list[_Row] = []
 
 
@@ -187,14 +180,12 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
         found = _read_report(report, report.stat().st_mtime_ns)
     except OSError:
         found = None
-    rows = found.rows[:_MOST_ROWS] if found else []
-    time_s = found.print.time_s if found and found.print else None
     return {
         "where": folder.name + (f"/{REJECTED}" if rejected else ""),
         "verdict": found.verdict.word if found and found.verdict else None,
-        "hours": None if time_s is None else time_s / 3600,
-        "piece": next((row.text.split(";")[0] for row in rows if row.name == "piece"), ""),
-        "told": [in_page_words(row.text) for row in rows] if found else [_UNREADABLE],
+        "piece": next((r.text.split(";")[0] for r in found.rows if r.name == "piece"), "")
+        if found
+        else _UNREADABLE,
         "files": list(dict.fromkeys([*(n for n in _SHOWN if n in held), *further])),
     }
 

@@ -131,7 +131,7 @@ def test_one_odd_build_leaves_the_others(runs: Path, tmp_path: Path) -> None:
         "{",
         "[" * 10**5,
     ]
-    odd += ['{"print": {"time_s": {"a": 1}}}', "\ud800", '{"print": {"time_s": NaN}}']
+    odd += ['{"verdict": {"word": 1}}', "\ud800", '{"rows": [{"name": NaN}]}']
     builds = tmp_path / "studio" / "builds"
     for k, text in enumerate(odd):
         (builds / f"odd-{k}").mkdir(parents=True)
@@ -148,7 +148,7 @@ def test_one_odd_build_leaves_the_others(runs: Path, tmp_path: Path) -> None:
             *(f"odd-{k}" for k in range(len(odd))),
         }
         for odd_one in state["builds"][1:]:
-            assert "cannot be read" in odd_one["result"]["told"][0]
+            assert "cannot be read" in odd_one["result"]["piece"]
         assert ask("open", name="odd-0") == "" and ask()["current"] == "odd-0"
 
 

@@ -39,7 +39,7 @@ export function showResult(built, title, anew = false) {
   byId("result").hidden = false;
   byId("result-title").textContent = title;
   byId("verdict").textContent = built.where.endsWith("/rejected") ? "A required check failed" : capital(built.verdict ?? "built");
-  byId("figures").replaceChildren(...[brief({ ...built, verdict: null }), ...built.told].filter(Boolean).map((text) => element("li", {}, text)));
+  byId("figures").textContent = capital(built.piece);
   const main = built.files.find((name) => name === "part.3mf");
   byId("download").hidden = !main;
   byId("download").textContent = `Download ${main}`;
@@ -57,7 +57,6 @@ export function brief(built) {
   const parts = [];
   if (built.where.endsWith("/rejected")) parts.push("a check failed");
   if (built.verdict) parts.push(built.verdict);
-  if (built.hours) parts.push(`${built.hours.toFixed(1)} h`);
   if (built.piece) parts.push(built.piece);
   return parts.join(", ");
 }
