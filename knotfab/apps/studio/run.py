@@ -310,4 +310,4 @@ _OBJECT = TypeAdapter(dict[str, Any])
 @cache
 def _checked(act: Callable[..., Any]) -> Callable[..., Any]:
     """Return `act` with its arguments checked, as they come from a page."""
-    return validate_call(act, config=ConfigDict(strict=True, arbitrary_types_allowed=True))
+    return validate_call(config=ConfigDict(strict=True, arbitrary_types_allowed=True))(act)
