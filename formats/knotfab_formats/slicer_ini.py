@@ -54,11 +54,16 @@ def change_above(layers: int) -> str:
 
 
 class Walls(NamedTuple):
-    """Loops about a tube's sparse core, the inner ones `width_mm` wide, and layers above and below it."""
+    """Loops about a tube's sparse core, the inner ones `width_mm` wide, and layers above and below it.
+
+    In a layer the wall is `thick_mm` thick, and the loops run in its depths `at_mm`.
+    """
 
     loops: int
     width_mm: float
     layers: int
+    thick_mm: float
+    at_mm: tuple[float, ...]
 
 
 def plan_walls(printer: Printer, tube_radius_mm: float | None) -> Walls:
@@ -73,7 +78,9 @@ def plan_walls(printer: Printer, tube_radius_mm: float | None) -> Walls:
     loops = 1 + max(1, ceil((wall - outer) / (widest - overlap) - 1e-9))
     width = max(outer, round((wall - outer) / (loops - 1) + overlap, 3))
     layers = max(USUAL_LAYERS, ceil(LEVEL_SHARE * wall / layer - 1e-9))
-    return Walls(loops, width, layers)
+    inner = (0.5 * (outer + width) + (width - overlap) * k for k in range(loops - 1))
+    at = (0.5 * outer, *(0.5 * outer - overlap + deeper for deeper in inner))
+    return Walls(loops, width, layers, outer + (loops - 1) * (width - overlap), at)
 
 
 # what profiles lacked when loops and the slicer filled every tube
@@ -97,13 +104,6 @@ def _overlap_mm(layer_mm: float) -> float:
     return layer_mm * (1 - pi / 4)
 
 
-def planned_wall_mm(printer: Printer, tube_radius_mm: float | None) -> float:
-    """Return the thickness in a layer of the wall that `plan_walls` makes."""
-    walls, layer = plan_walls(printer, tube_radius_mm), printer.layer_height_mm
-    outer = line_width_mm(printer.nozzle_mm)
-    return outer + (walls.loops - 1) * (walls.width_mm - _overlap_mm(layer))
-
-
 def written_wall_mm(settings: Mapping[str, str]) -> float:
     """Return the thickness in a layer of the wall that a profile prints about a core; inf: there is no core.
 
@@ -121,14 +121,19 @@ def written_wall_mm(settings: Mapping[str, str]) -> float:
     return outer + (loops - 1) * (inner - overlap) if loops > 0 else 0.0
 
 
-def stiffness_share(printer: Printer, tube_radius_mm: float) -> float:
-    """Return a printed tube's bending stiffness over a full one's: on a flank, about the weaker axis.
+def core_of(printer: Printer, tube_radius_mm: float) -> tuple[float, float]:
+    """Return the half axes of a printed tube's core on a flank, level and aslant, over the tube's radius.
 
     A layer cuts a tube aslant, and there the wall is as thick all around: measured across the tube it is
     thinner above and below the core.
     """
-    wall = planned_wall_mm(printer, tube_radius_mm) / tube_radius_mm
-    beside, above = max(1 - wall, 0.0), max(1 - wall * sin(radians(FLANK_DEG)), 0.0)
+    wall = plan_walls(printer, tube_radius_mm).thick_mm / tube_radius_mm
+    return max(1 - wall, 0.0), max(1 - wall * sin(radians(FLANK_DEG)), 0.0)
+
+
+def stiffness_share(printer: Printer, tube_radius_mm: float) -> float:
+    """Return a printed tube's bending stiffness over a full one's: on a flank, about the weaker axis."""
+    beside, above = core_of(printer, tube_radius_mm)
     return 1 - beside * above**3
 
 

@@ -18,6 +18,7 @@ from knotfab.geometry.polylines import arc_lengths
 from knotfab.picture.opening import thickest_radius
 from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedScene, ResolvedView
+from knotfab_formats.slicer_ini import core_of, plan_walls
 from knotfab_formats.views import View
 
 if TYPE_CHECKING:
@@ -166,8 +167,13 @@ _LENGTH, _LENGTH_FLAT = 1.45, 1.12
 ARCHES, PER_GRAM = 1.46, 1.08
 # their length over that of the flat start: longer searches leave more of it, for they close what is light
 _LENGTH_ARCHED = {"sketch": 1.57, "draft": 1.71, "standard": 2.0, "fine": 2.0}
-# printing time of a tube of this radius, h/cm³; it is inversely proportional to the radius
-_HOURS, _OF_RADIUS_MM = 0.158, 1.77
+# share of the room about a piece that supports fill: the picture's longer side squared, times the depth
+ROOM = 0.02
+# share of a tube's core that infill and layers fill where it is level
+_CORE_FILLED = 0.05
+# printing time of a flank in layers of .2 mm: s a mm of tube and of its loops' radii, and a mm of tube for
+# what else a leg takes in a layer, the way to it and back included
+_LOOPS_S, _LEG_S, _LAYER_MM = 1.1, 1.24, 0.2
 _HOURS_PLATE = 0.06  # of a plate, h/cm³
 _HOURS_AROUND = 0.007  # of the room between the strands, which supports fill in part, h/cm³
 
@@ -176,7 +182,7 @@ _HOURS_AROUND = 0.007  # of the room between the strands, which supports fill in
 class Guess:
     """A guess of the part's mass and of the printing time, None for other processes.
 
-    The time includes supports, unless the strands stand `alone`. `without` names what the guess leaves
+    Both include supports, unless the strands stand `alone`. `without` names what the guess leaves
     out because it is planned with the knots: a stand or an eyelet.
     """
 
@@ -222,15 +228,17 @@ def guess_print(
     without = {"stand": "its stand", "hang": "its eyelet"}.get(scene.mount.kind, "")
     if scene.mount.kind == "auto" and not (on_wall or alone):
         without = "its holder" if scene.piece.printed else "the holder that --print adds"
-    mass = (tube + plate) * 1e-3 * scene.material.density_g_cm3
+    per_mm3 = 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
-        return Guess(float(mass), None, without)
+        return Guess(float((tube + plate) * per_mm3), None, without)
     room = 2.0 * view.reach_mm
     depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
-    around = 0.0 if alone else _HOURS_AROUND * 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
-    hours = hours_of_tube(tube, radius_mm) * (PER_GRAM if alone else 1.0)
-    hours += hours_of_plate(plate) + around
-    return Guess(float(mass), float(hours), without, alone)
+    around = 0.0 if alone else 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
+    supports = 0.0 if alone else ROOM * max(size_mm) ** 2 * depth
+    hours = hours_of_tube(tube, radius_mm, scene.printer) / (1.0 if alone else PER_GRAM)
+    hours += hours_of_plate(plate) + _HOURS_AROUND * around
+    laid = share_laid(scene.printer, radius_mm) * tube + plate + supports
+    return Guess(float(laid * per_mm3), float(hours), without, alone)
 
 
 # One price for all that a choice costs, in hours of printing (docs/prints.md).
@@ -247,9 +255,18 @@ def price_of(hours: float, grams: float, told: float = 0.0, word: str = "faithfu
     return took + told / TOLD_PER_HOUR + WORD_HOURS[word]
 
 
-def hours_of_tube(volume_mm3: float, radius_mm: float) -> float:
-    """Guess how long a tube takes to print, without its supports."""
-    return 1e-3 * volume_mm3 * _HOURS * _OF_RADIUS_MM / radius_mm
+def share_laid(printer: Printer, radius_mm: float) -> float:
+    """Guess the share of a tube's volume that is filament."""
+    beside, above = core_of(printer, radius_mm)
+    return 1 - (1 - _CORE_FILLED) * beside * above
+
+
+def hours_of_tube(volume_mm3: float, radius_mm: float, printer: Printer) -> float:
+    """Guess how long a tube takes to print in arches, from the loops and the number of its layers."""
+    length = volume_mm3 / (np.pi * radius_mm**2)
+    loops = sum(max(radius_mm - at, 0.0) for at in plan_walls(printer, radius_mm).at_mm)
+    each = _LOOPS_S * loops + _LEG_S
+    return float(length * each * _LAYER_MM / printer.layer_height_mm / 3600)
 
 
 def hours_of_plate(volume_mm3: float) -> float:

@@ -20,7 +20,7 @@ from knotfab.hold.space_frame import (
 from knotfab.hold.struts import GROUND, Candidates, Sites, sites_of
 from knotfab.knots import Knots
 from knotfab_formats.scene import SettledScene
-from knotfab_formats.slicer_ini import planned_wall_mm
+from knotfab_formats.slicer_ini import plan_walls
 
 JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
 PIECES = 4  # pieces of a tapering member, each taken as round
@@ -46,7 +46,7 @@ class Stiffness:
             most = allow_sag_mm(scene.views, points, knots.radius_mm)
         wall = np.inf
         if {scene.printer.process, material.process} == {"filament"}:
-            wall = planned_wall_mm(scene.printer, knots.radius_mm)
+            wall = plan_walls(scene.printer, knots.radius_mm).thick_mm
         return cls(material.young_modulus_mpa, material.density_g_cm3, most, wall)
 
 

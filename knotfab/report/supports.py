@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from knotfab.design.candidates import ARCHES, DEPTH_RATIO, PER_GRAM, hours_of_plate, price_of
+from knotfab.design.candidates import ARCHES, DEPTH_RATIO, PER_GRAM, ROOM, hours_of_plate, price_of
 from knotfab.geometry.tube import face_normals, keep_faces, mesh_volume, split_shells
 from knotfab.request import Request
 from knotfab.scene.require import why_supported
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from knotfab.part.assemble import Part
     from knotfab.part.orient import Flattening
 
-# share of the room about a piece that supports fill: the picture's longer side squared, times the depth
-ROOM = 0.02
 _BED_MM = 1e-6  # what is no higher lies on the bed
 
 

@@ -128,8 +128,8 @@ def resolve(scene: Scene) -> ResolvedScene:
     """Complete the scene for a build: printer and material are merged with their data files.
 
     Keys that the scene gives itself in [printer] and [material] win over the data file. Unless the scene
-    says otherwise, powder comes out between strands, and a piece
-    that stands in a plate needs no supports.
+    says otherwise, the printer prints the gaps between strands (powder comes out of them), and a piece that
+    stands in a plate needs no supports.
 
     Raises:
         InputError: a printer or material that has no data file, naming those that have; a user's own
@@ -138,7 +138,7 @@ def resolve(scene: Scene) -> ResolvedScene:
     printer = _fill_in_open(_fill_in(scene.printer))
     material = _find_material(scene.material, printer)
     piece: dict[str, Any] = {}
-    if material.process == "powder" and "clearance_mm" not in scene.piece.model_fields_set:
+    if "clearance_mm" not in scene.piece.model_fields_set:
         piece["clearance_mm"] = max(scene.piece.clearance_mm, printer.min_gap_mm)
     if scene.mount.on_feet and "supports" not in scene.piece.model_fields_set:
         piece["supports"] = "none"  # arches stand in the plate

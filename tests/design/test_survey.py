@@ -347,7 +347,7 @@ def test_the_guess_adds_up_several_pictures() -> None:
     one, two = (
         guess_print(scene, seen.view, [seen.area_mm2] * n, seen.piece_mm, 2.0) for n in (1, 2)
     )
-    assert two.mass_g == pytest.approx(2 * one.mass_g)
+    assert one.mass_g < two.mass_g < 2 * one.mass_g  # supports fill one room
     assert one.hours and two.hours and one.hours < two.hours < 2 * one.hours
 
 

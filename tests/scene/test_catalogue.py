@@ -92,6 +92,9 @@ def test_a_name_alone_brings_its_figures() -> None:
 def test_keys_of_the_scene_win() -> None:
     scene = resolve(parse_scene("[printer]\nname = 'bambu-x1'\nnozzle_mm = 0.6"))
     assert (scene.printer.nozzle_mm, scene.printer.build_volume_mm[2]) == (0.6, 256.0)
+    assert scene.piece.clearance_mm == scene.printer.min_gap_mm == 0.6  # else the check gap fails
+    text = "[printer]\nname = 'bambu-x1'\nnozzle_mm = 0.6\n[piece]\nclearance_mm = 0.5"
+    assert resolve(parse_scene(text)).piece.clearance_mm == 0.5
     # even where the written value is the model's own default
     scene = resolve(parse_scene("[printer]\nname = 'form-3'\nnozzle_mm = 0.4"))
     assert scene.printer.nozzle_mm == 0.4

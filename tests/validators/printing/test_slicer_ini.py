@@ -12,13 +12,7 @@ from knotfab.part.slicer_profile import write_profile
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Printer
 from knotfab_formats.scene import Scene
-from knotfab_formats.slicer_ini import (
-    FLANK_DEG,
-    FULL,
-    planned_wall_mm,
-    stiffness_share,
-    written_wall_mm,
-)
+from knotfab_formats.slicer_ini import FLANK_DEG, FULL, plan_walls, stiffness_share, written_wall_mm
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.printing.slicer_ini import check_slicer_ini, read_wall_mm
 
@@ -128,7 +122,7 @@ def test_loops_leave_a_core_that_costs_little_stiffness(case: str, tmp_path: Pat
     assert float(found["perimeter_extrusion_width"]) == pytest.approx(width, abs=0.002)
     wall = written_wall_mm(found)
     own: Printer = scene.printer  # type: ignore[attr-defined]
-    assert wall == pytest.approx(planned_wall_mm(own, radius), abs=1e-3)
+    assert wall == pytest.approx(plan_walls(own, radius).thick_mm, abs=1e-3)
     assert read_wall_mm(scene, tmp_path, own=True) == wall  # type: ignore[arg-type]
     # what it says of a section, summed over a grid: about the weaker axis, on a flank
     x, y = np.meshgrid(*2 * [np.linspace(-radius, radius, 801)])

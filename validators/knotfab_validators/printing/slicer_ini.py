@@ -14,7 +14,7 @@ from knotfab_formats.slicer_ini import (
     count_full_loops,
     imply_settings,
     layers_of_plate,
-    planned_wall_mm,
+    plan_walls,
     written_wall_mm,
 )
 from knotfab_formats.verdict import Check
@@ -93,7 +93,7 @@ def read_wall_mm(scene: Scene, folder: Path, own: bool) -> float:
     if {scene.printer.process, scene.material.process} != {"filament"}:
         return inf
     if not own or not (path := folder / PROFILE).is_file():
-        return planned_wall_mm(scene.printer, scene.piece.tube_radius_mm)
+        return plan_walls(scene.printer, scene.piece.tube_radius_mm).thick_mm
     try:
         pairs = (line.partition("=") for line in _read_lines(path))
         return written_wall_mm({key.strip(): value.strip() for key, _, value in pairs})
