@@ -138,8 +138,10 @@ def _list_piece(report: Report) -> Iterator[Row]:
         return
     said = [" × ".join(f"{side:.0f}" for side in piece.bounding_box_mm or ()) + " mm"]
     said += [] if piece.time_s is None else [f"{piece.time_s / 3600:.1f} h"]
+    full = "" if piece.filament_g or not piece.supports else "at most "  # tubes print with a core
     said += [
-        f"{mass:.0f} g" + (f", {piece.support_g:.0f} g of it supports" if piece.support_g else "")
+        f"{full}{mass:.0f} g"
+        + (f", {piece.support_g:.0f} g of it supports" if piece.support_g else "")
     ]
     where = "" if piece.parts is None else f"{piece.parts} frames, "
     yield Row(name="piece", value=mass, unit="g", text=f"{where}{', '.join(said)}; {knots}")
