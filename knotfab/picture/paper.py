@@ -13,6 +13,7 @@ from knotfab.picture.ink import take_border
 
 _SIDE = 600  # px of the longer side at which the light on the paper is estimated
 _LEVELS = 12  # fewest levels of brightness along a photograph's border; painted pictures have fewer
+_WIDE = 16.0  # px at that size from which on a blur is made of boxes
 _RULE = 7  # px at that size; ruled lines and thin strokes are narrower
 # the change of log brightness from px to px that parts shadows, which are softer, from outlines of ink; in
 # pictures that are not shrunk shadows are steeper
@@ -115,11 +116,19 @@ def _spread(values: Array, known: Mask) -> Array:
 
     found, told = np.empty_like(values), np.zeros_like(known)
     found[:] = values[known].mean(axis=0)
+
+    def blur(image: Array, width: float) -> Array:
+        if width < _WIDE:
+            return np.asarray(ndimage.gaussian_filter(image, width))
+        for _ in range(3):  # as wide together as the Gaussian, at a cost that does not grow with it
+            image = ndimage.uniform_filter(image, round(2 * width) + 1)
+        return image
+
     for width in 2.0 ** np.arange(9):
-        weight = ndimage.gaussian_filter(known.astype(np.float64), width)
+        weight = blur(known.astype(np.float64), width)
         here = ~told & (weight > 0.05)
         for k in range(values.shape[2]):
-            mean = ndimage.gaussian_filter(values[..., k] * known, width)
+            mean = blur(values[..., k] * known, width)
             found[here, k] = mean[here] / weight[here]
         told |= here
         if told.all():
