@@ -100,31 +100,22 @@ def examine() -> list[Finding]:
     ]
 
 
-def run_loops(several: bool = False) -> None:
-    """Have the compiled loops loaded: design a bar, and two pictures in one part where `several`."""
-
+def run_loops() -> None:
+    """Have the compiled loops of most builds loaded: design a bar that prints without supports."""
     from knotfab.design.design import design_knots
     from knotfab.picture.read import read_target
     from knotfab.scene.catalogue import resolve
-    from knotfab.start.legibility import onlooker_for, stretch_mask
-    from knotfab_formats.piece import Accuracy
+    from knotfab_formats.piece import Accuracy, Piece
     from knotfab_formats.scene import Scene
-    from knotfab_formats.views import View
 
     few = {"depth_candidates": 4, "radius_candidates": 2}
-    asked = Scene(accuracy=Accuracy(name="sketch"), search=few)
-    bar = read_target("text:▬")
-    design_knots(resolve(asked), [bar])
-    if several:
-        quick = dict.fromkeys(("coarse_iterations", "fine_iterations", "settle_iterations"), 8)
-        views = tuple(View(name=f"bar-{turn}", azimuth_deg=turn) for turn in (0, 90))
-        update = {"views": views, "search": {**few, **quick}}
-        design_knots(resolve(asked.model_copy(update=update)), [bar, read_target("text:▮")])
-    onlooker_for(stretch_mask(bar.mask))  # asked where a piece stands without supports
+    piece = Piece(printed=True, supports="none")
+    asked = Scene(accuracy=Accuracy(name="sketch"), search=few, piece=piece)
+    design_knots(resolve(asked), [read_target("text:▬")])
 
 
 def compile_loops() -> Finding:
-    """Run the compiled loops, the validators' too, so that the compiled code is cached for all builds."""
+    """Compile the loops that most builds run, the validators' too; rarer ones are compiled where they run."""
     from knotfab.base.compiled import count_loops
     from knotfab.base.errors import MachineError
     from knotfab.pipeline.verifier import Files, Verifier
@@ -132,7 +123,7 @@ def compile_loops() -> Finding:
     begun = time.perf_counter()
     with Verifier({"shadow-render"}) as verifier:
         validators = verifier.submit(Files(None))
-        run_loops(several=True)
+        run_loops()
         failed = None
         try:
             validators.result()

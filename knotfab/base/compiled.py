@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from collections.abc import Callable
@@ -9,11 +10,34 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+from numba.core import event
+
+from knotfab.base.progress import say_everywhere
 
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
 _ROOM_BYTES = 16_000_000  # free disk space required; all loops together take a third of it
 _LOOPS: list[Any] = []  # numba's dispatchers
+# thresholds of the garbage collector, for each loop that is being compiled
+_USUAL: list[tuple[int, int, int]] = []
+# new objects between its looks meanwhile: with the usual 700 these take a fifth of the time
+_AT_ONCE = 50_000
+
+
+class _Compiling(event.Listener):  # type: ignore[misc]
+    """Says that loops are compiled; meanwhile the garbage collector looks on more rarely."""
+
+    def on_start(self, _: object) -> None:
+        _USUAL.append(gc.get_threshold())
+        if 0 < _USUAL[-1][0] < _AT_ONCE:
+            gc.set_threshold(_AT_ONCE)
+        say_everywhere("Loops that this machine has not run yet are compiled, once.")
+
+    def on_end(self, _: object) -> None:
+        gc.set_threshold(*_USUAL.pop())
+
+
+event.register("numba:compile", _Compiling())
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:

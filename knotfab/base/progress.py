@@ -28,6 +28,7 @@ Standing = Callable[[], Any]  # the Knots as a search has them; nothing here imp
 # the views, the knots as they stand, and the columns and rows that there are: lines of a terminal
 Draw = Callable[["Sequence[ResolvedView]", Any, int, int], str]
 _log = logging.getLogger("knotfab")
+_ENTERED: list[Progress] = []  # those that are used at present
 _FRAME_S = 0.1  # between events of one kind, so that watching costs next to nothing
 _DRAWN_S = 0.25  # between pictures on a terminal
 _KEPT_S = 5.0  # between knots at full precision, which a build that is killed leaves behind
@@ -136,6 +137,7 @@ class Progress:
         return wall, cpu
 
     def __enter__(self) -> Progress:
+        _ENTERED.append(self)
         if self.draws:
             self._bar = make_bar(self._stream, self._remaining, lambda: self._picture)
             self._bar.start()
@@ -146,6 +148,7 @@ class Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
+        _ENTERED.remove(self)
         if self.mode == "verbose":
             _log.removeHandler(self._shown)
             _log.setLevel(self._level)
@@ -379,6 +382,12 @@ class Progress:
         done = sum(self.timings.values()) + ran
         self._most = max(self._most, done / max(done + left, 1e-9))
         return self._most, round(left, 1)
+
+
+def say_everywhere(text: str) -> None:
+    """Print a line as `Progress.say` does, where whoever finds it out knows of no progress."""
+    for progress in tuple(_ENTERED):
+        progress.say(text)
 
 
 class _Lines(logging.Handler):

@@ -11,7 +11,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from knotfab.base.arrays import Array
-from knotfab.base.compiled import compiled
 from knotfab.scene.camera import camera_of
 from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedScene, ResolvedView
@@ -213,7 +212,8 @@ class OnWall:
 
     def cast(self, places: Array) -> Array:
         """Cast points (n, 3), in the wall's axes, onto the wall, (n, 2)."""
-        return _cast(places, self.lamp)
+        share = self.lamp[2] / (self.lamp[2] - places[:, 2:])
+        return np.asarray(self.lamp[:2] + share * (places[:, :2] - self.lamp[:2]))
 
 
 @dataclass(frozen=True)
@@ -236,30 +236,6 @@ class Shadows:
 
     @cached_property
     def span(self) -> tuple[Array, float]:
-        """The middle of the places (3,), and their largest distance from it, mm."""
-        return _span(self.places)
-
-
-@compiled
-def _cast(places: Array, lamp: Array) -> Array:
-    """Project places (n, 3) onto the plane z = 0, (n, 2)."""
-    found = np.empty((len(places), 2))
-    for n in range(len(places)):
-        share = lamp[2] / (lamp[2] - places[n, 2])
-        for i in range(2):
-            found[n, i] = lamp[i] + share * (places[n, i] - lamp[i])
-    return found
-
-
-@compiled
-def _span(places: Array) -> tuple[Array, float]:
-    """Return the middle of the places' box, and their largest distance from it."""
-    low, high, square = places[0].copy(), places[0].copy(), 0.0
-    for n in range(len(places)):
-        for i in range(3):
-            low[i], high[i] = min(low[i], places[n, i]), max(high[i], places[n, i])
-    middle = 0.5 * (low + high)
-    for n in range(len(places)):
-        x, y, z = places[n, 0] - middle[0], places[n, 1] - middle[1], places[n, 2] - middle[2]
-        square = max(square, x * x + y * y + z * z)
-    return middle, np.sqrt(square)
+        """The middle of the places' box (3,), and their largest distance from it, mm."""
+        middle = 0.5 * (self.places.min(axis=0) + self.places.max(axis=0))
+        return middle, float(np.sqrt(((self.places - middle) ** 2).sum(axis=1).max()))

@@ -9,7 +9,6 @@ import numpy as np
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Indices
-from knotfab.base.compiled import compiled
 from knotfab.effects.base import Decision, Effect, EffectContext, Shadows, World
 from knotfab_formats.scene import ResolvedView
 
@@ -55,91 +54,55 @@ class _Field:
         return _Field(shadows, moves, float(wall.lamp[2]), *found)
 
 
-@compiled
 def _moves(
     places: Array, shadows: Array, lamp: Array, middle: Array, steady: Array, turns: bool
 ) -> tuple[Array, Array, Array]:
     """Compute the numbers of `_Field` at places (n, 3); the wall turns about `steady`."""
-    count = len(places)
-    moves, slopes = np.empty((count, 8, 2)), np.empty(count)
-    below, by = np.empty(count), np.empty(3)
-    for n in range(count):
-        ray = places[n] - lamp
-        below[n] = -ray[2]
-        share = lamp[2] / below[n]
-        slopes[n] = np.sqrt(ray[0] * ray[0] + ray[1] * ray[1]) / below[n]
-        for k in range(2):
-            lean = ray[k] / below[n]
-            # how far 1 mm along each axis moves the shadow along the wall
-            by[0], by[1], by[2] = 1.0 - k, float(k), lean
-            for j in range(3):
-                moves[n, j, k] = (1 - share) * by[j]
-            # a radian about an axis moves what is off it from the next to the one after
-            for j in range(3):
-                one, two = (j + 1) % 3, (j + 2) % 3
-                off, aside = places[n, one] - middle[one], places[n, two] - middle[two]
-                moves[n, 3 + j, k] = share * (by[two] * off - by[one] * aside)
-            if turns:
-                x, y, z = shadows[n, 0] - steady[0], shadows[n, 1] - steady[1], -steady[2]
-                moves[n, 6, k] = by[1] * z - by[2] * y
-                moves[n, 7, k] = by[0] * z - by[2] * x
-            else:  # the lamp goes round
-                y, z = lamp[1] - steady[1], lamp[2] - steady[2]
-                moves[n, 6, k] = z * moves[n, 1, k] - y * moves[n, 2, k]
-                moves[n, 7, k] = z * moves[n, 0, k] - (lamp[0] - steady[0]) * moves[n, 2, k]
-    return moves, below, slopes
+    ray, moves = places - lamp, np.empty((len(places), 8, 2))
+    below = -ray[:, 2]
+    share, lean = (lamp[2] / below)[:, None, None], ray[:, :2] / below[:, None]
+    # (n, 2, 3): how far 1 mm along each axis moves the shadow right and up
+    by = np.concatenate([np.broadcast_to(np.eye(2), (len(places), 2, 2)), lean[..., None]], axis=2)
+    moves[:, :3] = ((1 - share) * by).swapaxes(1, 2)
+    # a radian about an axis moves what is off it from the next to the one after
+    moves[:, 3:6] = (share * np.cross((places - middle)[:, None], by)).swapaxes(1, 2)
+    if turns:
+        x, y = (shadows - steady[:2]).T[..., None]
+        moves[:, 6] = -steady[2] * by[..., 1] - by[..., 2] * y
+        moves[:, 7] = -steady[2] * by[..., 0] - by[..., 2] * x
+    else:  # the lamp goes round
+        x, y, z = lamp - steady
+        moves[:, 6] = z * moves[:, 1] - y * moves[:, 2]
+        moves[:, 7] = z * moves[:, 0] - x * moves[:, 2]
+    return moves, below, np.hypot(*ray.T[:2]) / below
 
 
-@compiled
 def _likeness(moves: Array, shadows: Array) -> tuple[Array, Array, Array]:
     """Fit one similarity of shadows (n, 2) to moves (n, 8, 2) by least squares.
 
     Returns shift along both axes, scale and turn (4, 8), their weights (4,) and the centre (2,). The
     sum of squares that each removes is its weight times its square.
     """
-    count, found, centre, size = len(moves), np.zeros((4, 8)), np.zeros(2), 0.0
-    for n in range(count):
-        centre += shadows[n] / count
-    for n in range(count):
-        x, y = shadows[n, 0] - centre[0], shadows[n, 1] - centre[1]
-        size += x * x + y * y
-        for k in range(8):
-            u, v = moves[n, k, 0], moves[n, k, 1]
-            found[0, k] += u
-            found[1, k] += v
-            found[2, k] += u * x + v * y
-            found[3, k] += v * x - u * y
-    weights = np.array([count, count, max(size, 1e-12), max(size, 1e-12)])
-    for i in range(4):
-        found[i] /= weights[i]
-    return found, weights, centre
+    centre, (u, v) = shadows.mean(axis=0), np.moveaxis(moves, 2, 0)
+    x, y = (shadows - centre).T
+    size = max(float(x @ x + y @ y), 1e-12)
+    weights = np.array([len(moves), len(moves), size, size])
+    found = np.stack([u.sum(axis=0), v.sum(axis=0), x @ u + y @ v, x @ v - y @ u])
+    return found / weights[:, None], weights, centre
 
 
-@compiled
 def _left(moves: Array, shadows: Array, likeness: Array, centre: Array) -> Array:
     """Subtract a likeness (4, 8) of shadows (n, 2) about `centre` from moves (n, 8, 2)."""
-    found = np.empty_like(moves)
-    for n in range(len(moves)):
-        x, y = shadows[n, 0] - centre[0], shadows[n, 1] - centre[1]
-        for k in range(8):
-            scale, turn = likeness[2, k], likeness[3, k]
-            found[n, k, 0] = moves[n, k, 0] - likeness[0, k] - scale * x + turn * y
-            found[n, k, 1] = moves[n, k, 1] - likeness[1, k] - scale * y - turn * x
-    return found
+    (x, y), (right, up, scale, turn) = (shadows - centre).T[..., None], likeness
+    taken = right + scale * x - turn * y, up + scale * y + turn * x
+    return np.asarray(moves - np.stack(taken, axis=2))
 
 
-@compiled
 def _largest(moves: Array) -> Array:
     """Return the largest singular value of moves (n, 8, 2) for lamp, piece and wall, (3, n)."""
-    found, ends = np.empty((3, len(moves))), (0, 3, 6, 8)
-    for n in range(len(moves)):
-        for of in range(3):
-            aa = bb = ab = 0.0
-            for k in range(ends[of], ends[of + 1]):
-                a, b = moves[n, k, 0], moves[n, k, 1]
-                aa, bb, ab = aa + a * a, bb + b * b, ab + a * b
-            found[of, n] = np.sqrt(0.5 * (aa + bb + np.sqrt((aa - bb) ** 2 + 4 * ab * ab)))
-    return found
+    a, b = np.moveaxis(moves, 2, 0)
+    aa, bb, ab = (np.add.reduceat(of, (0, 3, 6), axis=1).T for of in (a * a, b * b, a * b))
+    return np.asarray(np.sqrt(0.5 * (aa + bb + np.sqrt((aa - bb) ** 2 + 4 * ab * ab))))
 
 
 class Parting(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import shapely
@@ -11,7 +10,6 @@ from scipy.ndimage import gaussian_filter1d
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Indices
-from knotfab.base.compiled import compiled
 from knotfab.effects.base import Decision, Effect, EffectContext, Shadows
 from knotfab.scene.camera import light_of, view_axes
 from knotfab_formats.scene import ResolvedView
@@ -62,10 +60,10 @@ def blurs_mm(shadows: Shadows, radius: float) -> Array:
     balls, pairs = shadows.wall.place(lamps), np.column_stack(np.tril_indices(len(lamps), -1))
     if len(lamps) == 1:
         pairs = np.zeros_like(pairs, shape=(1, 2))  # a lamp of one ball is paired with itself
-    found = _blurs(places, balls, pairs, size)
+    found = _blurs(places[:, None], balls, pairs, size).max(axis=1)
     most = min(_MOST, len(places))
     few = np.argpartition(found, -most)[-most:]
-    found[few] = _blurs_about(places[few], balls, pairs, size, radius)
+    found[few] = _blurs_about(places[few, None], balls, pairs, size, radius).max(axis=1)
     below = shadows.wall.lamp[2] - places[:, 2]
     return np.asarray(found * (1.0 + (radius / np.maximum(below, radius)) ** 2))
 
@@ -81,72 +79,42 @@ def _lamps_of(view: ResolvedView) -> tuple[Array, float]:
     return middle + np.array([x * wide + y * high for x in (-1, 1) for y in (-1, 1)]), size
 
 
-@compiled
-def _throw(place: Array, ball: Array, size: float, spot: Array) -> None:
-    """Project a ball through a place onto the wall, z = 0; write the ellipse to `spot` (5,).
+def _throw(places: Array, balls: Array, size: float) -> tuple[Array, Array, Array]:
+    """Project balls (..., 3) through places (..., 3) onto the wall, z = 0, as ellipses.
 
-    The numbers are the place hit by the ball's central ray, the half longer axis, and the reach
-    from that place.
+    Returns the places hit by the central rays (..., 3), the half longer axes (...), and the reach from these
+    places (...).
     """
-    height, below, square = place[2], ball[2] - place[2], 0.0
-    for i in range(3):
-        way = place[i] - ball[i]
-        square += way * way
+    way = places - balls
     # no strand reaches into the lamp's own ball
-    height, below = max(height, 0.0), max(below, max(0.5005 * size, 1e-9))
-    square, quarter, on = max(square, below * below), 0.25 * size * size, height / below
-    for i in range(3):
-        spot[i] = place[i] + (place[i] - ball[i]) * on
-    spot[3] = 0.5 * size * height * np.sqrt(square) / (below * below - quarter)
+    height, below = (
+        np.maximum(places[..., 2], 0.0),
+        np.maximum(-way[..., 2], max(0.5005 * size, 1e-9)),
+    )
+    square, quarter = np.maximum((way**2).sum(axis=-1), below * below), 0.25 * size * size
+    half = 0.5 * size * height * np.sqrt(square) / (below * below - quarter)
     lean = (square / (below * below) - 1) / (square - quarter)
-    spot[4] = spot[3] * (1 + 0.5 * size * np.sqrt(lean))
+    return places + way * (height / below)[..., None], half, half * (1 + 0.5 * size * np.sqrt(lean))
 
 
-@compiled
-def _longest(one: Array, other: Array, same: bool) -> Any:
-    """Return the longest line in the hull of two ellipses, or the axis of one."""
-    if same:
-        return 2 * one[3]
-    u, v, w = one[0] - other[0], one[1] - other[1], one[2] - other[2]
-    return np.sqrt(u * u + v * v + w * w) + one[4] + other[4]
-
-
-@compiled
 def _blurs(places: Array, balls: Array, pairs: Indices, size: float) -> Array:
-    """Bound (n,) the blur of edges at places (n, 3) before the wall by pairs (p, 2) of balls."""
-    spots, found = np.empty((len(balls), 5)), np.zeros(len(places))
-    for n in range(len(places)):
-        for k in range(len(balls)):
-            _throw(places[n], balls[k], size, spots[k])
-        for p in range(len(pairs)):
-            k, m = pairs[p]
-            found[n] = max(found[n], _longest(spots[k], spots[m], k == m))
-    return found
+    """Bound the blur of edges at places (n, 1 or p, 3) before the wall by each of p pairs of balls, (n, p).
+
+    That is the longest line in the hull of two ellipses, or the axis of one.
+    """
+    (middle, axis, reach), (other, _, further) = (_throw(places, balls[of], size) for of in pairs.T)
+    apart = np.sqrt(((middle - other) ** 2).sum(axis=-1))
+    return np.where(pairs[:, 0] == pairs[:, 1], 2 * axis, apart + reach + further)
 
 
-@compiled
 def _blurs_about(places: Array, balls: Array, pairs: Indices, size: float, radius: float) -> Array:
     """Bound the blur as `_blurs` does, within `radius` of the places, each pair in its steepest direction."""
-    spots, ends, found = np.empty((4, len(balls), 5)), np.empty((2, 5)), np.zeros(len(places))
-    near, slope = np.empty(3), np.empty(3)
-    for n in range(len(places)):
-        step = _STEP * np.sqrt(((balls[0] - places[n]) ** 2).sum())
-        for way in range(4):  # at the place, and a little along each axis
-            near[:] = places[n]
-            if way > 0:
-                near[way - 1] += step
-            for k in range(len(balls)):
-                _throw(near, balls[k], size, spots[way, k])
-        for p in range(len(pairs)):
-            k, m = pairs[p]
-            here = _longest(spots[0, k], spots[0, m], k == m)
-            for i in range(3):
-                slope[i] = _longest(spots[1 + i, k], spots[1 + i, m], k == m) - here
-            near[:] = places[n] + radius * slope / max(np.sqrt((slope**2).sum()), 1e-300)
-            _throw(near, balls[k], size, ends[0])
-            _throw(near, balls[m], size, ends[1])
-            found[n] = max(found[n], _longest(ends[0], ends[1], k == m))
-    return found
+    here = _blurs(places, balls, pairs, size)
+    step = _STEP * np.sqrt(((balls[0] - places) ** 2).sum(axis=-1))[..., None]
+    beside = [_blurs(places + step * axis, balls, pairs, size) for axis in np.eye(3)]
+    slope = np.stack(beside, axis=-1) - here[..., None]
+    steepness = np.maximum(np.sqrt((slope**2).sum(axis=-1, keepdims=True)), 1e-300)
+    return _blurs(places + radius * slope / steepness, balls, pairs, size)
 
 
 PENUMBRA = Effect(

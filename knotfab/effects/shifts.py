@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.base.compiled import compiled
 from knotfab.effects.base import Effect, EffectContext, Shadows
 from knotfab.effects.penumbra import blurs_mm
 from knotfab.geometry.polylines import Polylines
@@ -41,26 +40,15 @@ def shifts_mm(shadows: Shadows, moves: Array, radius: float) -> Array:
 
     On the tube's surface h is larger by r, and w by at most r / (H - h - r) (1 + |w|).
     """
-    moves = moves @ shadows.wall.axes.T
-    return _shifts(shadows.places, shadows.wall.lamp, moves, radius)
-
-
-@compiled
-def _shifts(places: Array, lamp: Array, moves: Array, radius: float) -> Array:
-    """Bound shifts as `shifts_mm` does, for places (n, 3) and moves (m, n or 1, 3) in the wall's axes."""
-    found = np.empty((len(moves), len(places)))
-    for n in range(len(places)):
-        ray = places[n] - lamp
-        below = max(-ray[2], 1e-9)
-        x, y = ray[0] / below, ray[1] / below
-        slope = np.sqrt(x * x + y * y)
-        for k in range(len(moves)):
-            move = moves[k, min(n, moves.shape[1] - 1)]
-            near = max(below - radius - abs(move[2]), 1e-9)
-            u, v = move[0] + move[2] * x, move[1] + move[2] * y
-            leaning = abs(move[2]) * radius / near * (1 + slope)
-            found[k, n] = lamp[2] / near * (np.sqrt(u * u + v * v) + leaning)
-    return found
+    lamp, towards = shadows.wall.lamp, moves @ shadows.wall.axes.T
+    ray = shadows.places - lamp
+    below = np.maximum(-ray[:, 2], 1e-9)
+    x, y = ray[:, 0] / below, ray[:, 1] / below
+    nearer = np.abs(towards[..., 2])
+    near = np.maximum(below - radius - nearer, 1e-9)
+    along = np.hypot(towards[..., 0] + towards[..., 2] * x, towards[..., 1] + towards[..., 2] * y)
+    leaning = nearer * radius / near * (1 + np.hypot(x, y))
+    return np.asarray(lamp[2] / near * (along + leaning))
 
 
 def measure_sag(

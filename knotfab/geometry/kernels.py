@@ -181,15 +181,16 @@ def step_margin(
         for axis in range(3):
             old[k, axis] = points[following[k], axis] - points[k, axis]
             new[k, axis] = old[k, axis] + step[following[k], axis] - step[k, axis]
-        longest = max(longest, _dot(old[k], old[k]), _dot(new[k], new[k]))
-        furthest = max(furthest, _dot(step[k], step[k]))
+        was, will, move = _row(old, k), _row(new, k), _row(step, k)
+        longest = max(longest, _dot(was, was), _dot(will, will))
+        furthest = max(furthest, _dot(move, move))
     for k in range(count):
         one, two = _row(old, k), _row(old, following[k])
         a, b = 1.0 / math.sqrt(_dot(one, one)), 1.0 / math.sqrt(_dot(two, two))
         towards = a * one[0] + b * two[0], a * one[1] + b * two[1], a * one[2] + b * two[2]
         for edges in (old, new):
             for row in (k, following[k]):
-                if not _dot(edges[row], towards) > 0:
+                if not _dot(_row(edges, row), towards) > 0:
                     return FOLDS, -np.inf
     margin = room - math.sqrt(longest) - 2 * math.sqrt(furthest)
     if not margin > 0:
@@ -197,7 +198,8 @@ def step_margin(
     middle, half = _middles(points, following)
     reach = np.empty(count)  # each segment's half length and how far it moves
     for k in range(count):
-        ends = max(_dot(step[k], step[k]), _dot(step[following[k]], step[following[k]]))
+        here, there = _row(step, k), _row(step, following[k])
+        ends = max(_dot(here, here), _dot(there, there))
         reach[k] = half[k] + math.sqrt(ends)
     for pair in range(len(i)):
         a, b = i[pair], j[pair]
@@ -220,7 +222,7 @@ def step_margin(
             heading = _minus(_row(points, following[last]), _row(points, k))
             monotone, row = True, k
             for _ in range(far + 1):
-                monotone &= _dot(old[row], heading) > 0 and _dot(new[row], heading) > 0
+                monotone &= _dot(_row(old, row), heading) > 0 and _dot(_row(new, row), heading) > 0
                 row = following[row]
             if not monotone:
                 square = _square_between(middle, k, last)

@@ -236,9 +236,11 @@ def _strips(
             low[at], high[at] = z[i] - half, z[i] + half
             if k < inner:
                 area[at] = 2 * wide[i] / inner * length[i] * level[i]
-    left, front = x.min(), y.min()
-    across = int((x.max() - left) / cell) + 1
-    cells = np.empty(count, dtype=np.int64)
+    left, right, front = np.inf, -np.inf, np.inf
+    for at in range(count):
+        left, right, front = min(left, x[at]), max(right, x[at]), min(front, y[at])
+    across = int((right - left) / cell) + 1
+    cells = np.empty(count, np.int64)
     for at in range(count):
         cells[at] = int((x[at] - left) / cell) + int((y[at] - front) / cell) * across
     return cells, low, high, area
@@ -247,11 +249,15 @@ def _strips(
 @compiled
 def _floors(cells: Indices, low: Array, high: Array) -> Array:
     """Return how high each span's support begins, (n,): on the nearest top below it, or on the bed, 0."""
-    begins = np.zeros(cells.max() + 2, dtype=np.int64)
+    last = 0
+    for n in range(len(cells)):
+        last = max(last, cells[n])
+    begins = np.zeros(last + 2, np.int64)
     for n in range(len(cells)):
         begins[cells[n] + 1] += 1
-    begins = np.cumsum(begins)
-    order, filled = np.empty_like(cells), begins[:-1].copy()
+    for cell in range(last + 1):
+        begins[cell + 1] += begins[cell]
+    order, filled = np.empty(len(cells), np.int64), begins.copy()
     for n in range(len(cells)):
         place = filled[cells[n]]
         filled[cells[n]] += 1

@@ -58,7 +58,10 @@ class _Validators:
         return self._threads.submit(copy_context().run, self._verify, own)
 
     def _verify(self, request: dict[str, Any]) -> dict[str, Any]:
-        if self._shadows is None or request["part"] is None or request["scene"] is None:
+        part, scene, knots = (request[name] for name in ("part", "scene", "knots"))
+        # without files both load their half
+        halved = bool(part and scene) or not (part or scene or knots)
+        if self._shadows is None or not halved:
             return _answer(self._whole, request)
         shadows, geometry = (
             workers.submit(_answer, workers, {**request, "failures": None, "only": half})

@@ -155,16 +155,18 @@ def legibility_from(
 def _see(centred: Array, radius: float, light_distance: float, turn: Array, grid: int) -> Mask:
     """Draw the turned tube's silhouette, stretched to its box, (grid, grid) with row 0 at the top."""
     flat = np.empty((len(centred), 2))
+    left, right, low, top = np.inf, -np.inf, np.inf, -np.inf
     for n in range(len(centred)):
         x, y, z = centred[n, 0], centred[n, 1], centred[n, 2]
         deep = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
         scale = light_distance / (light_distance - deep)
         for k in range(2):
             flat[n, k] = scale * (turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z)
+        left, right = min(left, flat[n, 0]), max(right, flat[n, 0])
+        low, top = min(low, flat[n, 1]), max(top, flat[n, 1])
     covered = np.zeros((grid, grid), dtype=np.bool_)
-    left, low = flat[:, 0].min() - radius, flat[:, 1].min() - radius
-    wide = (flat[:, 0].max() + radius - left) / grid
-    high = (flat[:, 1].max() + radius - low) / grid
+    left, low = left - radius, low - radius
+    wide, high = (right + radius - left) / grid, (top + radius - low) / grid
     for k in range(len(flat)):
         x, y = (flat[k, 0] - left) / wide, (flat[k, 1] - low) / high  # unit: cells
         first = max(0, int(np.ceil(y - radius / high - 0.5)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,17 +26,19 @@ def sum_waves(angles: Array, cosines: Array, sines: Array) -> Array:
     """
     total = np.empty(len(angles))
     real, imaginary = np.empty(_BLOCK), np.empty(_BLOCK)
+    c, s = np.empty(_BLOCK), np.empty(_BLOCK)
     for begin in range(0, len(angles), _BLOCK):
         size = min(_BLOCK, len(angles) - begin)
-        c, s = np.cos(angles[begin : begin + size]), np.sin(angles[begin : begin + size])
-        real[:] = 0.0
-        imaginary[:] = 0.0
+        for n in range(size):
+            c[n], s[n] = math.cos(angles[begin + n]), math.sin(angles[begin + n])
+            real[n] = imaginary[n] = 0.0
         for k in range(len(cosines) - 1, -1, -1):
             for n in range(size):
                 x, y = real[n] + cosines[k], imaginary[n] + sines[k]
                 real[n] = x * c[n] - y * s[n]
                 imaginary[n] = x * s[n] + y * c[n]
-        total[begin : begin + size] = real[:size]
+        for n in range(size):
+            total[begin + n] = real[n]
     return total
 
 

@@ -113,7 +113,7 @@ def design_under(world: World, points: Array) -> Any:
         placing=world.placing,
         printer=world.printer,
         mount=Mount(),
-        hangs=lambda knots: False,
+        on_wall=lambda knots: False,
     )
     effects = survey(EffectContext((view(),), points, 2.0, 0.25, world), {})
     return SimpleNamespace(

@@ -82,6 +82,7 @@ def _measure_surface() -> None:
     import numpy as np
 
     from knotfab_validators.geometry.curves import Curves
+    from knotfab_validators.geometry.rays import count_above
     from knotfab_validators.geometry.surface import flat_faces, overlapping_boxes
     from knotfab_validators.geometry.triangles import triangle_triangle
     from knotfab_validators.tube.clearance import check_clearance
@@ -90,6 +91,7 @@ def _measure_surface() -> None:
     triangle_triangle(triangle, triangle)
     flat_faces(mesh)
     overlapping_boxes(mesh)
+    count_above(mesh.vertices, mesh.vertices, mesh.faces)
     check_clearance(mesh, Curves((np.eye(3),), ("unknot",), (True,), 0.1), None)
 
 
@@ -112,12 +114,15 @@ def _cast_shadows() -> None:
     from knotfab_validators.shadows.exact_shadow import ShadowCaster
     from knotfab_validators.shadows.misplacement import layered_mask
     from knotfab_validators.shadows.outlines import depth_in
+    from knotfab_validators.shadows.told import fill_triangles, fit_picture
     from knotfab_validators.shadows.tube_field import tube_field
 
     mesh, geometry = _triangle(), _view()
     depth_in(ShadowCaster(mesh.vertices, mesh.faces).render(geometry))
     tube_field([np.eye(3)], 0.1, geometry)
     layered_mask(mesh, geometry, 0.5)
+    fill_triangles(mesh.vertices[:2], mesh.faces, 2)
+    fit_picture(np.eye(2), np.eye(2), 1)
 
 
 def _draw() -> None:
@@ -148,9 +153,11 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     seconds, gigabytes = MEASURING
     limit_process(seconds * (os.cpu_count() or 1), gigabytes)
     part, knots, scene = (request[name] for name in ("part", "knots", "scene"))
-    if part is None and knots is None:
-        for _ in prepare("geometry", "layers", "shadows"):
-            pass
+    if part is None and knots is None and "found" not in request:
+        only = request.get("only")
+        for half in ("geometry", "shadows") if only is None else (only,):
+            for _ in prepare(half, *(("layers",) if half == "geometry" else ())):
+                pass
     try:
         piece = _read(request["piece"], part, knots, scene, request.get("unit", "mm"))
         found: list[Found | Verdict] = [read_as(Verdict, half) for half in request.get("found", ())]

@@ -57,6 +57,8 @@ class Way:
     iou: float = 0.0
     seconds: float = 0.0
     """Of the whole build, as a person waits for it."""
+    cpu_s: float = 0.0
+    """Of all processors, which other work on the machine changes little; 0 where it was not kept."""
     hours: float = 0.0
     grams: float = 0.0
     support_grams: float = 0.0
@@ -231,7 +233,7 @@ def _keep(make: Builder, kept: dict[str, Any], out: Path) -> Builder:
     return remember
 
 
-_NEEDED = ("status", "checks", "views", "settings", "timings", "print")
+_NEEDED = ("status", "checks", "views", "settings", "timings", "cpu", "print")
 
 
 def _read_kept(out: Path) -> dict[str, Any]:
@@ -268,7 +270,11 @@ def _weigh(label: str, reports: Sequence[dict[str, Any]], printed: bool) -> Way:
         if printed and "filament_g" not in report["print"]:
             return Way(label, failed="the slicer gave no figures")
     iou = fmean(min(view["iou"] for view in r["views"]) for r in reports)
-    way = Way(label, iou, fmean(r["timings"]["total"] for r in reports))
+    seconds, cpu_s = (
+        fmean((report.get(key) or {}).get("total", 0.0) for report in reports)
+        for key in ("timings", "cpu")
+    )
+    way = Way(label, iou, seconds, cpu_s)
     if not printed:
         return way
     made = [report["print"] for report in reports]
@@ -348,13 +354,18 @@ def print_ways(ways: Sequence[Way], out: Path) -> None:
     for column in ("", "way"):
         table.add_column(column, no_wrap=True)
     printed = any(way.hours for way in ways)
-    columns = ("IoU", "seconds", *(("hours", "grams", "of it supports") if printed else ()))
+    columns = (
+        "IoU",
+        "seconds",
+        "CPU s",
+        *(("hours", "grams", "of it supports") if printed else ()),
+    )
     for column in columns:
         table.add_column(column, no_wrap=True, justify="right")
     best = front_of(ways)
     for way in sorted((w for w in ways if not w.failed), key=lambda w: w.seconds):
-        figures = [f"{way.iou:.4f}", f"{way.seconds:.1f}", f"{way.hours:.1f}"]
-        figures += [f"{way.grams:.0f}", f"{way.support_grams:.0f}"]
+        figures = [f"{way.iou:.4f}", f"{way.seconds:.1f}", f"{way.cpu_s:.1f}"]
+        figures += [f"{way.hours:.1f}", f"{way.grams:.0f}", f"{way.support_grams:.0f}"]
         table.add_row("*" if way in best else "", escape(way.label), *figures[: len(columns)])
     console.print(table)
     for way in ways:

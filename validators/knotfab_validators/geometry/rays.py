@@ -64,12 +64,18 @@ def _count_above(points: Array, vertices: Array, faces: Ints, extent: float) -> 
                 if p[2] < bottom:
                     found[n] += turns
                 else:
-                    u, v, w = b - a, c - a, p - a
+                    # no arrays: what numba makes of these takes a second to compile
+                    u = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+                    v = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+                    w = p[0] - a[0], p[1] - a[1], p[2] - a[2]
                     x = u[1] * v[2] - u[2] * v[1]
                     y = u[2] * v[0] - u[0] * v[2]
                     z = u[0] * v[1] - u[1] * v[0]
                     side, area = x * w[0] + y * w[1] + z * w[2], (x * x + y * y + z * z) ** 0.5
-                    longest = max((u * u).sum(), (v * v).sum())
+                    longest = max(
+                        u[0] * u[0] + u[1] * u[1] + u[2] * u[2],
+                        v[0] * v[0] + v[1] * v[1] + v[2] * v[2],
+                    )
                     if abs(side) <= (_NEAR * area + _ROUNDING * longest) * extent:
                         unsure[n] = True
                     elif (side < 0) == (z > 0):

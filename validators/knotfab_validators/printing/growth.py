@@ -90,7 +90,7 @@ def _grow(
     free, limp, square = np.zeros(pieces), np.zeros(pieces), area.copy()
     sums = np.zeros((pieces, 3))
     for n in range(pieces):
-        legs, leg = 0, -1
+        legs, leg = 0, n
         for at in range(begin[n], begin[n + 1]):
             if held[below[at]]:
                 legs += 1
@@ -103,8 +103,8 @@ def _grow(
         # where a piece splits in two, the direction of each from their common centre is unknown
         step = layer
         if split[leg] == 1:
-            step = np.hypot(step, _moved(middle, box, n, leg, 0, row))
-            step = np.hypot(step, _moved(middle, box, n, leg, 1, row))
+            for axis in range(2):
+                step = np.hypot(step, _moved(middle, box, n, leg, axis, row))
         square[n] = area[n] * layer / step
         around = np.sqrt(square[n] / np.pi)  # the radius of a round leg
         beside, above = max(around - wall, 0.0), max(around - wall * layer / step, 0.0)
@@ -155,8 +155,14 @@ def find_over_air(cut: Slices, held: Mask) -> OverAir:
     A bridge passes within `BESIDE_MM` of the farthest place: a narrow bar's sides are farther out than its
     middle, and a line along one side may miss what the bar lies on.
     """
-    bucket, x, away = _reach(cut.first, cut.left, cut.right, cut.piece, held, cut.rows, cut.row)
-    if not len(x):
+    asked = cut.first, cut.left, cut.right, cut.piece, held, cut.rows, cut.row
+    count, most = 1024, 0
+    while count > most:
+        most = count
+        bucket, x, away = np.empty(most, np.int64), np.empty(most), np.empty(most)
+        count = _reach(*asked, bucket, x, away)
+    bucket, x, away = bucket[:count], x[:count], away[:count]
+    if not count:
         return OverAir(np.empty(0), np.empty(0), np.empty((0, 3)))
     label, count = _group(bucket, x / cut.row, cut.rows)
     order = np.lexsort((-away, label))
@@ -208,11 +214,21 @@ def _away(
 
 @compiled
 def _reach(
-    first: Ints, left: Array, right: Array, piece: Ints, held: Mask, rows: int, row: float
-) -> tuple[Ints, Array, Array]:
-    """Find the places farther than `LINE_MM` from the layer below; return their rows, x and distances."""
-    most = 1024
-    bucket_of, x_of, far = np.empty(most, np.int64), np.empty(most), np.empty(most)
+    first: Ints,
+    left: Array,
+    right: Array,
+    piece: Ints,
+    held: Mask,
+    rows: int,
+    row: float,
+    bucket_of: Ints,
+    x_of: Array,
+    far: Array,
+) -> int:
+    """Count the places farther than `LINE_MM` from the layer below.
+
+    The row, x and distance of as many as there is room for are written to the last three.
+    """
     count = 0
     for bucket in range(rows, len(first) - 1):
         k, j = bucket // rows, bucket % rows
@@ -233,15 +249,11 @@ def _reach(
                     away = _away(first, left, right, rows, row, k, j, x)
                     if away <= LINE_MM:
                         continue
-                    if count == most:
-                        most *= 2
-                        bucket_of = np.append(bucket_of, np.empty(most - count, np.int64))
-                        x_of = np.append(x_of, np.empty(most - count))
-                        far = np.append(far, np.empty(most - count))
-                    bucket_of[count], x_of[count], far[count] = bucket, x, away
+                    if count < len(x_of):
+                        bucket_of[count], x_of[count], far[count] = bucket, x, away
                     count += 1
                 begin = end
-    return bucket_of[:count], x_of[:count], far[:count]
+    return count
 
 
 @compiled

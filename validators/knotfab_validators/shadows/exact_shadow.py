@@ -144,17 +144,8 @@ def shadow_lines(
 
 def on_page(homogeneous: Array) -> Array:
     """Divide (u w, v w, w) (n, 3) by w to get pixels (n, 2)."""
-    return _divide(np.ascontiguousarray(homogeneous))
-
-
-@compiled
-def _divide(homogeneous: Array) -> Array:
-    page = np.empty((len(homogeneous), 2))
-    for k in range(len(homogeneous)):
-        # w is 0 only at corners that no face uses
-        page[k, 0] = homogeneous[k, 0] / homogeneous[k, 2]
-        page[k, 1] = homogeneous[k, 1] / homogeneous[k, 2]
-    return page
+    with np.errstate(all="ignore"):  # w is 0 only at corners that no face uses
+        return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
 
 
 def shadow_mask(lines: Linework, geometry: ViewGeometry) -> Mask:
@@ -213,7 +204,7 @@ def wound_mask(parts: Iterable[Linework], width: int, height: int) -> Mask:
     for lines in parts:
         start, end = (np.ascontiguousarray(x, dtype=np.float64) for x in (lines.start, lines.end))
         _add_edges(raster, start, end, np.ascontiguousarray(lines.weight, dtype=np.int64))
-    return _find_wound(raster)
+    return np.asarray(np.cumsum(raster, axis=1) != 0)
 
 
 @compiled
@@ -233,19 +224,6 @@ def _add_edges(raster: NDArray[np.int32], start: Array, end: Array, weight: Ints
             column = max(np.ceil(low[0] + (row - low[1]) * slope), 0.0)
             if column < width:
                 raster[row, int(column)] += turn
-
-
-@compiled
-def _find_wound(raster: NDArray[np.int32]) -> Mask:
-    """Mark pixels at which the running sum of the row is not 0."""
-    height, width = raster.shape
-    mask = np.zeros((height, width), dtype=np.bool_)
-    for row in range(height):
-        total = 0
-        for column in range(width):
-            total += raster[row, column]
-            mask[row, column] = total != 0
-    return mask
 
 
 def winding_at(points: Array, lines: Linework) -> Ints:

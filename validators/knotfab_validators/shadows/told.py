@@ -134,7 +134,7 @@ def _draw_look(points: Array, faces: Ints, wide: float) -> Array:
     size = _CELLS * _FINER
     scale = np.array([[size], [-size]]) / window[:, None]
     pixels = scale * points + (0.5 * size - scale * 0.5 * (low + high)[:, None])
-    return _to_cells(_fill(pixels, faces, size))
+    return _to_cells(fill_triangles(pixels, faces, size))
 
 
 def _shrink(mask: Mask, wide: float | None = None) -> Array:
@@ -190,7 +190,7 @@ def _fit(picture: Array, looks: Sequence[Array]) -> float:
 
 
 @compiled
-def _fill(points: Array, faces: Ints, size: int) -> Mask:
+def fill_triangles(points: Array, faces: Ints, size: int) -> Mask:
     """Fill triangles between points (2, n), px, on size × size pixels."""
     found = np.zeros((size, size), dtype=np.bool_)
     for k in range(len(faces)):
@@ -236,7 +236,8 @@ def fit_picture(picture: Array, look: Array, seed: int) -> float:
         value = _overlap(picture, look, moved)
         if value > best:
             best, scale = value, min(1.5, 1.6 * scale)
-            map_[:] = moved
+            for i in range(6):
+                map_[i] = moved[i]
         else:
             scale = max(0.03, 0.96 * scale)
     return best

@@ -126,27 +126,25 @@ def _picture_balls(start: Array, end: Array, radius: float, geometry: ViewGeomet
     return np.concatenate(pictures, axis=1)
 
 
-@compiled
 def _trace_hulls(points: Array) -> tuple[Array, Array]:
-    """Return edges (k, 2), from and to, of the convex hulls of n point lists (n, m, 2).
+    """Return edges (k, 2), from and to, of the convex hulls of n point lists (n, m, 2)."""
+    columns, rows = np.moveaxis(points, 2, 0)
+    return _chain_hulls(points, np.lexsort((rows, columns), axis=1))
+
+
+@compiled
+def _chain_hulls(points: Array, orders: Ints) -> tuple[Array, Array]:
+    """Do the work of `_trace_hulls`, for orders (n, m) of the points by column, then by row.
 
     The method is Andrew's monotone chain ("Another efficient algorithm for convex hulls in two
     dimensions", 1979).
     """
     count, each = points.shape[:2]
     begin, stop = np.empty((count * each, 2)), np.empty((count * each, 2))
-    chain = np.empty(2 * each, dtype=np.int64)
+    chain = np.empty(2 * each, np.int64)
     found = 0
     for n in range(count):
-        p = points[n]
-        order = np.argsort(p[:, 0])
-        for i in range(1, each):  # of equal columns, the upper one comes first
-            k, at = i, order[i]
-            while k > 0 and p[order[k - 1], 0] == p[at, 0] and p[order[k - 1], 1] > p[at, 1]:
-                order[k] = order[k - 1]
-                k -= 1
-            order[k] = at
-        size = 0
+        p, order, size = points[n], orders[n], 0
         for side in range(2):
             least = size + 1
             for i in range(each):
@@ -163,7 +161,8 @@ def _trace_hulls(points: Array) -> tuple[Array, Array]:
             size -= 1  # the last point is the first of the other side
         for i in range(size):
             a, b = chain[i], chain[(i + 1) % size]
-            begin[found], stop[found] = p[a], p[b]
+            for axis in range(2):
+                begin[found, axis], stop[found, axis] = p[a, axis], p[b, axis]
             found += 1
     return begin[:found], stop[:found]
 
