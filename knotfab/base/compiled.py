@@ -24,7 +24,7 @@ _USUAL: list[tuple[int, int, int]] = []
 _AT_ONCE = 50_000
 
 
-class _Compiling(event.Listener):  # type: ignore[misc]
+class _Compiling(event.Listener):
     """Says that loops are compiled; meanwhile the garbage collector looks on more rarely."""
 
     def on_start(self, _: object) -> None:
@@ -34,10 +34,12 @@ class _Compiling(event.Listener):  # type: ignore[misc]
         say_everywhere("Loops that this machine has not run yet are compiled, once.")
 
     def on_end(self, _: object) -> None:
-        gc.set_threshold(*_USUAL.pop())
+        usual = _USUAL.pop()
+        if 0 < usual[0] < _AT_ONCE:  # whoever raised it
+            gc.set_threshold(*usual)
 
 
-event.register("numba:compile", _Compiling())
+event.register("numba:compile", _Compiling())  # type: ignore[no-untyped-call]
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:

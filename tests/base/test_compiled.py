@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
+import io
 import pkgutil
 import sys
 from collections.abc import Iterator
@@ -16,6 +18,7 @@ from numba.core.dispatcher import Dispatcher
 
 import knotfab
 import knotfab_validators
+from knotfab.base.progress import Progress
 
 
 def list_loops() -> Iterator[tuple[ModuleType, Dispatcher]]:
@@ -82,3 +85,20 @@ def test_a_full_disk_or_no_place_to_write_keeps_no_loop_from_running(
     again = module.compiled(double)
     assert again(1.5) == 3.0 and sum(again.stats.cache_hits.values()) == 1
     sys.modules.pop("kept_loops")
+
+
+@pytest.mark.slow
+def test_a_build_tells_once_that_it_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Meanwhile the garbage collector looks on more rarely; then it is left as it was."""
+    for package in ("knotfab.base.compiled", "knotfab_validators.arrays"):
+        importlib.import_module(package)
+    told, quiet, usual = io.StringIO(), io.StringIO(), gc.get_threshold()
+    seen: list[int] = []
+    with Progress("auto", told), Progress("quiet", quiet) as progress:
+        monkeypatch.setattr(progress, "say", lambda _: seen.append(gc.get_threshold()[0]))
+        for number in (1.0, 2):
+            assert numba.njit(lambda x: x + x)(number) == 2 * number
+    assert told.getvalue().count("compiled") == 1 and not quiet.getvalue()
+    assert len(seen) >= 2 and min(seen) > usual[0] and gc.get_threshold() == usual
+    assert numba.njit(lambda x: x - x)(1.0) == 0.0
+    assert told.getvalue().count("compiled") == 1

@@ -30,7 +30,7 @@ _USUAL: list[tuple[int, int, int]] = []
 _AT_ONCE = 50_000
 
 
-class _Compiling(event.Listener):  # type: ignore[misc]
+class _Compiling(event.Listener):
     """Has the garbage collector look on more rarely while a loop, and those that it calls, are compiled."""
 
     def on_start(self, _: object) -> None:
@@ -39,10 +39,12 @@ class _Compiling(event.Listener):  # type: ignore[misc]
             gc.set_threshold(_AT_ONCE)
 
     def on_end(self, _: object) -> None:
-        gc.set_threshold(*_USUAL.pop())
+        usual = _USUAL.pop()
+        if 0 < usual[0] < _AT_ONCE:  # whoever raised it
+            gc.set_threshold(*usual)
 
 
-event.register("numba:compile", _Compiling())
+event.register("numba:compile", _Compiling())  # type: ignore[no-untyped-call]
 
 
 def compiled(function: Callable[_In, _Out]) -> Callable[_In, _Out]:
