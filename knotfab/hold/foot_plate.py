@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +13,7 @@ from knotfab.base.errors import SceneError
 from knotfab.design.candidates import FILLET_MM
 from knotfab.geometry.tube import Mesh, as_manifold
 from knotfab.hold.beams import DOWN, JOINT_RADII, Holder, Stiffness, sag_moves, worst_of
-from knotfab.hold.roots import MOST_OUTSIDE, RISES, WIDTHS_MM, NoWayError, Roots, lay_roots
+from knotfab.hold.roots import MOST_OUTSIDE, RISES, WIDTH_MM, NoWayError, Roots, lay_roots
 from knotfab.hold.solids import Fixture
 from knotfab.hold.space_frame import Beams, assemble_frame, round_beams
 from knotfab.hold.struts import GROUND, Candidates, Sites, sites_of
@@ -116,15 +115,15 @@ def plan_foot_plate(
     dark = _find_dark(shadow, camera, settings, target)
     most_mm2 = MOST_OUTSIDE * float(np.prod(camera.frame_mm))
     found = []
-    for width, rise in product(WIDTHS_MM, RISES):
+    for rise in RISES:
         try:
-            how = settings.hole_diameter_mm, width, most_mm2, rise
+            how = settings.hole_diameter_mm, WIDTH_MM, most_mm2, rise
             roots = lay_roots(dark, middles, prints, *how)
         except NoWayError:
             if not found:
                 raise
             continue
-        plate = FootPlate(*_rings_of(roots.sheet), roots.holes, *own, width, taped=True)
+        plate = FootPlate(*_rings_of(roots.sheet), roots.holes, *own, WIDTH_MM, taped=True)
         found.append(_standing(plate, moves, knots))  # tape holds each foot where it is
         if len(roots.holes):
             on_pads = partial(_hold_by_pads, roots, len(feet), camera, settings, stiffness)

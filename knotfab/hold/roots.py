@@ -16,8 +16,8 @@ from knotfab_validators.shadows.told import tell_flat
 if TYPE_CHECKING:
     from shapely import Geometry, Polygon
 
-# Of strips, and what a screw's height is worth of its distance from the other: tried in turn to spare tape
-WIDTHS_MM = 7.0, 10.0
+WIDTH_MM = 7.0  # of strips; at 10 pieces told .05 more, for less tape
+# what a screw's height is worth of its distance from the other: tried in turn to spare tape
 RISES = 0.3, 2.0
 CORE_MM = 1.2  # half the width that a strip keeps where the shadow is thinner
 MOST_OUTSIDE = 0.0005  # share of the frame that strips may darken beside the shadow
@@ -113,7 +113,7 @@ def suits_roots(target: Mask, mm_per_px: float) -> bool:
     prints = shapely.union_all(shapely.points(np.array(feet))).buffer(2 * CORE_MM)
     most = MOST_OUTSIDE * mm_per_px**2 * target.size
     try:
-        roots = lay_roots(dark, np.array(feet), prints, 4.0, WIDTHS_MM[0], most)
+        roots = lay_roots(dark, np.array(feet), prints, 4.0, WIDTH_MM, most)
     except NoWayError:
         return False
     x, y = np.meshgrid(*(np.arange(n) * mm_per_px for n in target.shape[::-1]))

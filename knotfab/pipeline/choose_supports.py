@@ -60,31 +60,48 @@ def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str,
     """Say why the bed is too small for a piece that stands with the light's axis up, and the remedy.
 
     None if the pictures, taken at the middle of the piece, fit the bed, with all of their frame for a full
-    plate; the strands' feet may reach farther.
+    plate, and with the ears of another for its screws; the strands' feet may reach farther.
     """
     # imported only now, so that most builds begin without waiting for it
     from knotfab.part.pose import fits_upright
 
     room, height = scene.printer.build_volume_mm, scene.piece.depth or 0.0
     full = scene.mount.on_feet and scene.mount.plate == "full"
+    beside = _beside_mm(scene)
     for target in targets:
         corners = np.array([[x, y] for x in (0.0, target.width) for y in (0.0, target.height)])
         outline = corners if full else _trace_rows(target)
         outline = outline / frame_view(scene.views[0], target).px_per_mm(target.width)
+        if any(beside):
+            low, high = outline.min(axis=0) - beside, outline.max(axis=0) + beside
+            outline = np.array([low, [low[0], high[1]], high, [high[0], low[1]]])
         if not fits_upright(outline, height, room):
             from knotfab.design.survey import smaller_size
 
             across, down = np.ptp(outline, axis=0)
-            longer = frame_view(scene.views[0], target).longer_mm
+            longer, fixed = frame_view(scene.views[0], target).longer_mm, 2 * max(beside)
             share = min(
-                a / b for a, b in zip(sorted(room[:2]), sorted((across, down)), strict=True)
+                (a - fixed) / (b - fixed)  # a plate's rim does not shrink with the picture
+                for a, b in zip(sorted(room[:2]), sorted((across, down)), strict=True)
             )
+            holder = f" in its {scene.mount.plate} plate" if any(beside) else ""
             return (
-                f"it stands on the bed with the light's axis up, {across:.0f} × {down:.0f} mm across, and "
-                f"the printer holds {' × '.join(f'{side:g}' for side in room)} mm",
+                f"it stands on the bed{holder} with the light's axis up, {across:.0f} × {down:.0f} mm "
+                f"across, and the printer holds {' × '.join(f'{side:g}' for side in room)} mm",
                 f"Use --size {smaller_size(longer, share, 1)}, or --supports slicer",
             )
     return None
+
+
+def _beside_mm(scene: ResolvedScene) -> tuple[float, float]:
+    """Return how far a plate that follows the picture reaches beyond it, across and down."""
+    if not scene.mount.on_feet or scene.mount.plate not in ("rounded", "outline"):
+        return 0.0, 0.0
+    # imported only now, so that most builds begin without waiting for it
+    from knotfab.hold.foot_plate import NEUTRAL_MM, ears_mm
+
+    margin = NEUTRAL_MM if scene.mount.plate == "rounded" else scene.mount.plate_margin_mm
+    return margin + ears_mm(scene.mount) / 2, margin
 
 
 def _trace_rows(target: Target) -> Array:

@@ -167,6 +167,10 @@ def _list_printing(report: Report) -> Iterator[Row]:
     if mount is not None and mount.foot == "dowel":
         said = f"Its {mount.pegs} pegs go into holes drilled in the wall."
         yield Row(name="holes", value=mount.pegs, status="do", text=said)
+    if (roots := piece.roots) is not None and not roots.screws:
+        said = "No screw fits its shadow: double-sided tape along its strips holds it "
+        said += f"({roots.area_cm2:.0f} cm²)."
+        yield Row(name="tape", value=roots.area_cm2, unit="cm²", status="do", text=said)
     supports = piece.supports
     if supports is None or report.status != "pass":
         return

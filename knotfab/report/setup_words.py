@@ -25,7 +25,7 @@ def steps_of(mounted: Mounted, place: Placement, view: View) -> list[str]:
     else:
         if mounted.roots_figures is not None:
             hole = mounted.scene.mount.hole_diameter_mm
-            steps = _roots_steps(mounted.roots_figures, hole, place.holes)
+            steps = roots_steps(mounted.roots_figures, hole, place.holes)
         elif mounted.wall is not None:
             steps = _wall_steps(mounted.wall, place)
         else:
@@ -73,7 +73,7 @@ def _wall_steps(wall: WallMount, place: Placement) -> list[str]:
     ]
 
 
-def _roots_steps(roots: RootsFigures, hole_mm: float, holes: Array) -> list[str]:
+def roots_steps(roots: RootsFigures, hole_mm: float, holes: Array) -> list[str]:
     """Say how the strips in which a piece stands are fixed to the wall."""
     tape = f"double-sided tape along the backs of its strips ({roots.area_cm2:.0f} cm²)"
     if not len(holes):

@@ -73,6 +73,7 @@ def test_what_is_not_there_is_told_with_what_would_be_right(square: Path, tmp_pa
 # options with which no piece can print without supports, and the physical reason
 SUPPORTED: list[tuple[dict[str, Any], str]] = [
     ({"size": 600}, "light's axis up, .* and the printer holds 250 × 210 × 220 mm"),
+    ({"size": 425, "plate": "rounded"}, "in its rounded plate with the light's axis up"),
     ({"size": 300, "plate": "full"}, "light's axis up, 250 × 250 mm across"),
     ({"depth": "flat"}, "a flat piece has no depth"),
     ({"mount": "stand"}, "a stand holds it off the bed"),

@@ -20,6 +20,14 @@ OFF = {
 SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60.0, "other": None}
 
 
+ROOTS = {
+    "width_mm": 7.0, "thickness_mm": 1.6, "screws": [[-20.0, 5.0], [20.0, 5.0]], "tape": "along",
+    "area_cm2": 39.2, "mass_g": 7.8,
+}  # fmt: skip
+WAYS = [
+    {"way": way, "hours": 9.0, "grams": 80.0, "support_grams": 0.0, "price": price}
+    for way, price in (("roots", 12.0), ("rounded", 13.0))
+]
 STRINGS = {
     "retractions": 21121, "layers": 542, "warnings": [], "checks": [],
 }  # fmt: skip
@@ -69,6 +77,11 @@ TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
     ({"print": {"mount": {"kind": "none"}}}, "mount", {"remedy": "--mount wall"}),
     ({"print": {"mount": {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0]}}}, "thread", {"status": "do"}),
     ({"print": {"mount": {"kind": "wall", "foot": "dowel", "pegs": 5}}}, "holes", {"text": "Its 5 pegs"}),
+    ({"print": {"roots": {**ROOTS, "screws": []}}}, "tape",
+     {"status": "do", "text": "No screw fits its shadow: double-sided tape along its strips holds it (39"}),
+    ({"print": {"supports": {**SUPPORTS, "ways": WAYS}}}, "otherwise",
+     {"remedy": "--plate rounded", "limit": 12.0, "text": "The next best: in a rounded plate, which is its "
+      "screen, it would take about 80 g and 9.0 h, a price of 13.0 h for 12.0 h (--plate rounded)."}),
     ({"print": {"supports": SUPPORTS, "bars": {"count": 3, "grams": 1.0, "longest_mm": 8.3}}}, "supports",
      {"status": "do", "text": "supports off; its 3 threads, up to 8.3 mm long, lie in the shadow"}),
     ({"print": {"supports": SUPPORTS}, "slicer": STRINGS}, "strings",
@@ -89,6 +102,10 @@ def test_a_row_holds(sections: dict[str, Any], name: str, held: dict[str, Any]) 
     for key, value in held.items():
         found = getattr(row, key)
         assert value in found if key == "text" else found == value
+
+
+def test_screws_that_fit_need_no_word_of_tape() -> None:
+    assert "tape" not in rows(print={"roots": ROOTS})
 
 
 def test_what_presses_stands_first() -> None:

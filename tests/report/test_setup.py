@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -21,9 +22,15 @@ from knotfab.report.drill_template import write_drill_template
 from knotfab.report.for_maker import advise_lamp, check_slicing, report_slicing, with_slicing
 from knotfab.report.setup import write_setup
 from knotfab.report.setup_views import shadow_outlines
-from knotfab.report.setup_words import lamp_facts, lamp_name, steps_of
+from knotfab.report.setup_words import lamp_facts, lamp_name, roots_steps, steps_of
 from knotfab_formats.errors import plain, read_as
-from knotfab_formats.print_figures import Print, SlicerCheck, SlicerFigures, SlicerWarning
+from knotfab_formats.print_figures import (
+    Print,
+    RootsFigures,
+    SlicerCheck,
+    SlicerFigures,
+    SlicerWarning,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -63,6 +70,26 @@ def test_pages_of_a4_with_their_figures_and_the_same_bytes_again(
     assert b"CreationDate" not in pdf and b"<dc:date>" not in svg
     told = {"480", "90", "570", "frame 160", "frame 120", "Setting up", *FIGURES[kind]}
     assert told <= set(texts(tmp_path / "setup.svg"))
+
+
+@pytest.mark.parametrize(
+    ("tape", "screws", "said"),
+    [
+        ("pads", 2, "press it to the wall with double-sided tape behind its two pads"),
+        ("along", 2, "press it to the wall with double-sided tape along the backs of its strips (39 cm²)"),
+        ("along", 0, "Press the piece to the wall, the way up that is drawn, with double-sided tape along"),
+    ],
+)  # fmt: skip
+def test_the_steps_say_what_is_taped(
+    tape: Literal["pads", "along"], screws: int, said: str
+) -> None:
+    holes = np.array([[-20.0, 5.0], [20.0, 5.0]])[:screws]
+    places = tuple((float(x), float(y)) for x, y in holes)
+    roots = RootsFigures(
+        width_mm=7.0, thickness_mm=1.6, screws=places, tape=tape, area_cm2=39.2, mass_g=7.8
+    )
+    steps = " ".join(roots_steps(roots, 4.0, holes))
+    assert said in steps and ("nails" in steps) == bool(screws)
 
 
 @pytest.mark.parametrize("kind", ["none", *some(("plate", "dowel", "stand"), 2)])
