@@ -73,6 +73,7 @@ MOST_POSTS = 4  # posts from strands to an eyelet
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 # each about the centre of mass of the one before, with a post more where that sags too much
 _PLANS = 4
+_DARKER = 0.001  # of a frame: a second thread of several views may darken so much more
 _TURNED_PX = 512  # longer side of the frame in which a turned piece is compared
 _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add
 
@@ -137,9 +138,14 @@ def plan_hang(
         except SceneError:
             continue
         if found[-1].sag_mm <= stiffness.max_sag_mm:
-            return found[-1]
+            if len(cameras) == 1:
+                return found[-1]
+            break
     try:
         single = work.plan(np.zeros((1, 3)))
+        if found and found[-1].sag_mm <= stiffness.max_sag_mm:
+            darker = found[-1].predicted_intrusion.max() - single.predicted_intrusion.max()
+            return found[-1] if darker <= _DARKER else single
         if single.sag_mm <= stiffness.max_sag_mm or not found:
             return single
     except SceneError:
