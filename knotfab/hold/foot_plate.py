@@ -114,7 +114,7 @@ def plan_foot_plate(
     prints, middles = _print_feet(tubes, to_wall), np.array([foot.middle for foot in feet])
     dark = _find_dark(shadow, camera, settings, target)
     most_mm2 = MOST_OUTSIDE * float(np.prod(camera.frame_mm))
-    found = []
+    found = list[StandingPiece]()
     for rise in RISES:
         try:
             how = settings.hole_diameter_mm, WIDTH_MM, most_mm2, rise
@@ -369,7 +369,7 @@ def _hold_by_pads(
         for name in ("ends", "area", "inertia", "twist")
     )
     edgewise = np.concatenate([beams.inertia, edgewise])
-    whole = Beams(stout.joints, *joined, flat=wall[2], edgewise=edgewise)
+    whole = replace(Beams(stout.joints, *joined), flat=wall[2], edgewise=edgewise)
     held = np.zeros((len(stout.joints), 6), dtype=bool)
     held[n + feet : n + feet + len(roots.holes)] = True
     return whole, lean_on_wall(
