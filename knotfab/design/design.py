@@ -23,8 +23,7 @@ from knotfab.design.retries import (
     is_better,
     plan_prices,
     plan_sparser,
-    search_on_more_legs,
-    start_on_more_legs,
+    start_with_more_legs,
     start_without_bumps,
 )
 from knotfab.design.settings import (
@@ -61,7 +60,7 @@ from knotfab_formats.scene import (
 from knotfab_formats.search import SearchSettings
 
 START_FILE = "start.json"
-_BRACINGS = 3  # times at most that legs without a neighbour get more arches
+_BRACINGS = 3  # searches at most for legs that all have a neighbour
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,9 +117,8 @@ def plan_searches(
 ) -> Steps[Design]:
     """Plan the searches of one design, as `design_knots` makes them.
 
-    The first starts from a filling, on as many arches as its legs need. Others follow on what it lacks: sides
-    that keep their order where a strand stands out, sparser strands where a limit is broken. Where a leg has
-    ended up without a neighbour, the fine phases run again on more arches.
+    The first starts from a filling, the others from what it lacks: sides that keep their order where a strand
+    stands out, more arches where a leg is braced by none, sparser strands where a limit is broken.
 
     Args:
         why: why this design is made after another one.
@@ -139,9 +137,6 @@ def plan_searches(
     question, radius, start, choice = choose_tube(question, settings, progress, budget)
     problem, knots = question.problem, question.scene.piece.knots
     _tell_scene(progress, question, radius)
-    with progress.stage("template"):
-        if not settings.start:  # knots that were given may cross each other as seen from the light
-            start = start_on_more_legs(problem, start, radius) or start
     settings = refine_settings(question, settings, radius)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
@@ -173,7 +168,6 @@ def plan_searches(
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
-            parted = start_on_more_legs(problem, parted, radius) or parted
             what, why = "search from parted sides", "a strand stands out of the picture"
             again: SearchResult = yield replace(first, what=what, start=parted, why=why)
             if is_better(result, again):
@@ -181,19 +175,19 @@ def plan_searches(
             else:
                 again.add_work(result)
                 start, result = parted, again
-        search = replace(first, start=start)
         for _ in range(_BRACINGS if pace is None else 0):
-            more_legs = search_on_more_legs(search, result)
-            if more_legs is None:
+            braced = start_with_more_legs(problem, result, start)
+            if braced is None:
                 break
-            again = yield more_legs
+            what, why = (
+                "search from more arches",
+                "a leg has no neighbour to brace it, or is too flat",
+            )
+            again = yield replace(first, what=what, start=braced, why=why)
             if result.feasible and not again.feasible:
                 break
             again.add_work(result)
-            result = again
-            if "log" not in more_legs.more:  # it did not go on from what was found
-                search = more_legs
-        start = search.start
+            start, result = braced, again
         unmet = None if result.feasible else result
         if unmet is not None:
             result = (yield from plan_sparser(problem, radius, knots, settings)) or unmet
