@@ -6,8 +6,8 @@ import contextlib
 import errno
 import os
 import re
+import secrets
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -90,7 +90,9 @@ class OutputFolder:
                 self._make()
                 with locked(self.path):
                     mend_locked(self.path)
-                    self._hidden = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=self.path))
+                    # named before it is there: it goes too where a signal comes in between
+                    self._hidden = self.path / f"{HIDDEN}{secrets.token_hex(8)}"
+                    self._hidden.mkdir(0o700)
                     self._held = hold(self._hidden)
                     seal(self._hidden)
                 (self._hidden / "new").mkdir()

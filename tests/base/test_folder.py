@@ -168,10 +168,10 @@ def test_rejects_a_file_where_failed_builds_go(tmp_path: Path) -> None:
 def test_rejects_a_folder_that_may_not_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def deny(**_: object) -> str:
+    def deny(_: object) -> int:
         raise PermissionError(errno.EACCES, "Permission deny")
 
-    monkeypatch.setattr("knotfab.base.folder.tempfile.mkdtemp", deny)
+    monkeypatch.setattr("knotfab.base.folder.hold", deny)
     with pytest.raises(InputError, match=r"cannot be written \(Permission deny\).*--out"):
         OutputFolder(tmp_path / "new").__enter__()
     assert listing(tmp_path) == {}

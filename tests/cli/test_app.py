@@ -242,7 +242,7 @@ def test_a_count_is_a_whole_number(bad: Path, tmp_path: Path, option: str) -> No
 
 def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> None:
     call = ["build", bad / "good.png", "--out", tmp_path / "out", "--tube-radius", "0.1"]
-    assert "at least 0.8 mm" in refuse(1, *call)
+    assert "at least --tube-radius 0.8" in refuse(1, *call)
 
 
 def test_a_device_for_the_flow_or_that_is_not_there(bad: Path, tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ class Maker:
                 views=(view,),
                 material=scene.material,
                 mount=scene.mount,
-                printer=SimpleNamespace(min_tube_radius_mm=0.8),
+                printer=SimpleNamespace(min_tube_radius_mm=0.8, process="resin"),
             ),
             Knots(tuple(Knot(c) for c in curves), radius),
             number,

@@ -91,7 +91,7 @@ def play(words, events):
     place.mkdir(parents=True, exist_ok=True)
     (place / "report.json").write_text(json.dumps(
         {{"views": [{{"iou": 0.97}}, {{"iou": 0.95}}], "verdict": {{"word": "good"}},
-          "rows": [{{"name": "piece", "text": "9 mm, 5 g; a tube: --plate pegs"}}]}}))
+          "rows": [{{"name": "piece", "status": "info", "text": "9 mm, 5 g; a tube: --plate pegs"}}]}}))
     (place / "compare-front.png").write_bytes(b"")
     (place / "report.html").write_text("report")
     (place / "part.3mf").write_text("a part")
