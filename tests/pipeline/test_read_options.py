@@ -188,7 +188,7 @@ def test_what_makes_no_sense_is_refused_by_the_options_name(name: str, value: ob
 
 def test_size_is_one_of_three() -> None:
     for other in ("width", "height"):
-        with pytest.raises(InputError, match="--size 100: --width or --height"):
+        with pytest.raises(InputError, match=f"--size 100: --{other} is given too"):
             read_scene(options_from({"size": 100.0, other: 50.0}))
 
 

@@ -167,7 +167,7 @@ def test_the_network_draws_two_views_and_its_way_is_proved(begun: str, gain: flo
 @pytest.mark.parametrize(
     ("scene", "key"),
     [
-        (Scene(piece=Piece(depth="flat")), "piece.depth"),
+        (Scene(piece=Piece(depth="flat")), "--depth"),
         (Scene(mount=Mount(kind="wall")), "stand in the picture of the other"),
     ],
 )
