@@ -1,4 +1,4 @@
-"""Ten pieces worth hanging: each built, drawn from its light and four sides, with its hours and grams.
+"""Ten pieces worth hanging: each built, drawn with its lamp off and on, with its hours and grams.
 
 `python -m examples.gallery WORK docs` builds what WORK does not hold yet, and writes docs/gallery.md with its
 pictures, docs/gallery/NAME.webp. What is sliced is kept in WORK as well, so that an interrupted run goes on.
@@ -102,10 +102,10 @@ def _slice(folder: Path) -> None:
 def _page(work: Path, pictures_to: Path) -> Iterable[str]:
     yield (
         "# Ten pieces worth hanging\n\n"
-        "`make gallery` builds them and draws this page: shadows of the written files, then the piece from\n"
-        "its lights, about the vertical, from the door and from where it tells most (told, 0 to 1, of its\n"
-        "picture). Those of one picture stand in roots, and print with supports off;\n"
-        "two pictures fix every depth, so the pair takes supports. Hours and grams are\n"
+        "`make gallery` builds them and draws this page: shadows of the written files, then the piece by\n"
+        "day, from the door and from where it tells most of its picture (told, 0 to 1), and with its lamp\n"
+        "on. Those of one picture print with supports off, in roots, or in a plate where roots would tell\n"
+        "it; two pictures fix every depth, so the pair takes supports. Hours and grams are\n"
         "PrusaSlicer's for the default printer (Prusa MK4, PLA). Glyphs are those of DejaVu Sans; the other\n"
         "pictures are drawn by `examples/pictures.py`, which writes them as files:\n"
         "`python examples/pictures.py FOLDER`.\n"
@@ -120,7 +120,7 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
         report = json.loads((folder / "report.json").read_text("utf-8"))
         name = f"{piece.name}.webp"
         _draw(folder, report).save(pictures_to / name, quality=80, method=6)
-        alt = f"{piece.title}: its shadow, and the piece from six sides"
+        alt = f"{piece.title}: its shadow, and the piece with its lamp off and on"
         yield f"\n## {piece.title}\n\n![{alt}](gallery/{name})\n\n"
         yield f"`{call}`: {_facts(report, folder / SLICED)}.\n"
 
@@ -140,15 +140,14 @@ def _facts(report: dict[str, Any], sliced: Path) -> str:
 
 
 def _draw(folder: Path, report: dict[str, Any]) -> Image.Image:
-    """Draw the shadows as their lamps throw them, then the part from several sides, in a row."""
+    """Draw the shadows as their lamps throw them, then the piece, lamp off and lamp on, in a row."""
     row = []
     for view in report["views"]:
         soft = folder / f"soft-{view['name']}.png"
         path = soft if soft.is_file() else folder / f"shadow-{view['name']}.png"
         wall = ImageOps.colorize(Image.open(path).convert("L"), SHADOW, PAPER)
         row.append(ImageOps.pad(wall, (HEIGHT, HEIGHT), color=PAPER))
-    # from the lamp and aside, then unlit: from the door, and from where it tells most
-    for name in ("part.png", "unlit.png"):
+    for name in ("unlit.png", "piece.png"):
         if (folder / name).is_file():
             part = Image.open(folder / name).convert("RGB")
             row.append(part.resize((round(part.width * HEIGHT / part.height), HEIGHT)))
