@@ -173,3 +173,13 @@ def test_long_faces_of_a_strand_are_its_own_and_bridges_not() -> None:
     bridge = np.array([[upper, lower[0], lower[1]]])
     for points in line, finer:
         assert not strand_faces(vertices, bridge, [points], 2.0).any()
+
+
+@pytest.mark.parametrize("side", [3.5, 5.0, 6.0, 8.0, 12.0])
+def test_inner_sides_that_mitres_shorten_are_a_strands_own(side: float) -> None:
+    radius, corners = 2.0, 16
+    t = 2 * np.pi * np.arange(corners) / corners
+    large = side * radius / (2 * np.sin(np.pi / corners))
+    line = large * np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
+    vertices, faces = sweep(line, radius, 24)
+    assert strand_faces(vertices, faces, [line], radius, proud=1.2).all()

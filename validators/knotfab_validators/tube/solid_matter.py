@@ -316,6 +316,7 @@ PROUD = 1.02  # radii from the centre lines: no facet of the tube stands out far
 BESIDE_MATTER = 3.0  # radii along a knot: a face that spans more leads from one strand to another
 SPACING = 0.125  # radii between samples of the centre lines
 ALONG = 1.05  # largest length of the strand between the ends of a face's side, over that side
+MITRED = 1.0  # radii: mitres at its ends shorten an inner side, and its corners lie beside either edge
 
 
 def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
@@ -377,7 +378,7 @@ def strand_faces(
     apart = np.minimum(apart, around[knot] - apart)
     # a long face along a straight strand spans as much of it as its corners are apart
     side = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2) / radius
-    result &= (apart <= np.maximum(beside, ALONG * side)).all(axis=1)
+    result &= (apart <= np.maximum(beside, ALONG * side + MITRED)).all(axis=1)
     return result
 
 
