@@ -316,7 +316,8 @@ PROUD = 1.02  # radii from the centre lines: no facet of the tube stands out far
 BESIDE_MATTER = 3.0  # radii along a knot: a face that spans more leads from one strand to another
 SPACING = 0.125  # radii between samples of the centre lines
 ALONG = 1.05  # largest length of the strand between the ends of a face's side, over that side
-MITRED = 1.0  # radii: mitres at its ends shorten an inner side, and its corners lie beside either edge
+# radii: mitres at its ends shorten an inner side, and its corners lie beside either edge
+MITRED = 1.0
 
 
 def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radius: float) -> Mask:
