@@ -106,7 +106,8 @@ def _draw(
         planes.append((np.array([0.0, 1.0, 0.0, -desk_mm]), _WOOD, 0.45, walls[0]))
     high, wide = depth.shape
     x, y = np.arange(wide, dtype=np.float32) + 0.5, np.arange(high, dtype=np.float32)[:, None] + 0.5
-    room, colour = np.full((high, wide), np.float32(eye.far)), np.zeros((high, wide, 3), np.float32)
+    room = np.full((high, wide), np.float32(eye.far))
+    colour = np.full((high, wide, 3), (0.09 * day * _COOL * _PLASTER).astype(np.float32))
     warmth = np.zeros((high, wide), np.float32)
     grain = _grain(high, wide)
     for plane, albedo, share, own in planes:
