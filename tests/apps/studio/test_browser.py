@@ -104,10 +104,13 @@ def test_from_an_empty_page_to_a_built_part_by_mouse_alone(page: Any, tmp_path: 
     assert "This is no number" in page.inner_text("#smooth-wrong") and page.is_hidden("#stop")
     assert violations(page) == []
     page.select_option("#plate", "rounded")
-    page.select_option("#supports", "slicer")
     with page.expect_response("**/api/settings"):  # what is told meanwhile leaves what is typed
+        page.select_option("#supports", "slicer")
         page.fill("#smooth", "1,5")
     page.wait_for_timeout(300)
+    assert page.input_value("#smooth") == "1,5"
+    page.locator("#smooth").blur()
+    page.wait_for_selector("#smooth:not([aria-invalid])")
     page.locator("input[value=wall]").check(force=True)
     page.click("#build")
     page.wait_for_selector("#result:not([hidden])")
