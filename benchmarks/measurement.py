@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from knotfab_formats.scene import Scene
 
 STOPPED = 124  # the exit code of a build that was stopped, as `timeout` has it
-_POLL_S = (
-    0.5  # seconds between looks at the memory: counting it takes a tenth of that on a busy machine
-)
+# seconds between looks at the memory: counting it takes a tenth of that on a busy machine
+_POLL_S = 0.5
 
 
 class Stopwatch:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-# of printers by name; else filament
+# process of printers that are known by name; all others print filament
 PROCESS = {"form-3": "resin", "sls": "powder", "hp-mjf": "powder"}
 OUTLINE_PX = {"sketch": 1.5, "draft": 1.0}  # most error of the outline by accuracy; else 0.5
 MODULUS_MPA = {

@@ -14,7 +14,7 @@ INFILL_PERCENT = 10  # share of the inner space
 # A tube prints as a wall, this share of its radius thick, about a sparse core: .85 of a solid one's stiffness
 # about the weaker axis, where it is sliced aslant at `FLANK_DEG` (docs/prints.md)
 WALL_SHARE = 0.48
-FLANK_DEG = 46.0  # of the flattest flanks of arches, from the bed
+FLANK_DEG = 46.0  # slope of the flattest flanks of arches, from the bed
 LEVEL_SHARE = 0.6  # share of the wall that layers close where a tube is level
 MOST_WIDTH_NOZZLES = 1.625  # width of an inner loop
 USUAL_LAYERS = 3  # that PrusaSlicer prints solid at a top and a bottom

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import shutil
 from collections.abc import Callable
@@ -13,30 +12,23 @@ import numba
 from numba.core import event
 
 from knotfab.base.progress import say_everywhere
+from knotfab_formats.collector import look_as_usual, look_rarely
 
 _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
 _ROOM_BYTES = 16_000_000  # free disk space required; all loops together take a third of it
 _LOOPS: list[Any] = []  # numba's dispatchers
-# thresholds of the garbage collector, for each loop that is being compiled
-_USUAL: list[tuple[int, int, int]] = []
-# new objects between its looks meanwhile: with the usual 700 these take a fifth of the time
-_AT_ONCE = 50_000
 
 
 class _Compiling(event.Listener):
     """Says that loops are compiled; meanwhile the garbage collector looks on more rarely."""
 
     def on_start(self, _: object) -> None:
-        _USUAL.append(gc.get_threshold())
-        if 0 < _USUAL[-1][0] < _AT_ONCE:
-            gc.set_threshold(_AT_ONCE)
+        look_rarely()
         say_everywhere("Loops that this machine has not run yet are compiled, once.")
 
     def on_end(self, _: object) -> None:
-        usual = _USUAL.pop()
-        if 0 < usual[0] < _AT_ONCE:  # whoever raised it
-            gc.set_threshold(*usual)
+        look_as_usual()
 
 
 event.register("numba:compile", _Compiling())  # type: ignore[no-untyped-call]

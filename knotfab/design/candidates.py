@@ -135,8 +135,7 @@ def too_fine(
     Args:
         drawn: radius of the shadow of a tube that would draw the picture, px; None if none is known.
         pixels: width and height of the picture. why: the reason. otherwise: one more remedy.
-        parts: the noun for what is too thin. given_mm: the radius that
-            is asked for, if one is.
+        parts: the noun for what is too thin. given_mm: the radius that is asked for, if one is.
     """
     width, longer = pixels[0], max(pixels)
     px = view.px_per_mm(width)

@@ -65,15 +65,14 @@ MOST_TILT_DEG = 1.0  # the piece may hang askew by this
 HOLE_MM = 3.0  # across the eyelet's hole
 SPANS = (0.7, 0.55, 0.4, 0.3)  # shares of the piece's width between two threads that are tried
 LEAST_SPAN_MM = 15.0  # threads that are nearer to each other hardly keep a piece from turning
-TURN_LOSS = (
-    0.005  # IoU that a turn by 1 degree costs, from which on two threads keep a piece from it
-)
+# loss of IoU by a turn of 1 degree, from which on two threads keep a piece from turning
+TURN_LOSS = 0.005
 MOST_POSTS = 4  # posts from strands to an eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 # each about the centre of mass of the one before, with a post more where that sags too much
 _PLANS = 4
-_DARKER = 0.001  # of a frame: a second thread of several views may darken so much more
+_DARKER = 0.001  # share of a frame that two threads may darken beyond what one does
 _TURNED_PX = 512  # longer side of the frame in which a turned piece is compared
 _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add
 

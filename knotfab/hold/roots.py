@@ -16,7 +16,7 @@ from knotfab_validators.shadows.told import tell_flat
 if TYPE_CHECKING:
     from shapely import Geometry, Polygon
 
-WIDTH_MM = 7.0  # of strips; at 10 pieces told .05 more, for less tape
+WIDTH_MM = 7.0  # of strips; 10 mm spare tape, and a piece tells .05 more
 # what a screw's height is worth of its distance from the other: tried in turn to spare tape
 RISES = 0.3, 2.0
 CORE_MM = 1.2  # half the width that a strip keeps where the shadow is thinner

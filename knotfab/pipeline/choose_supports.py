@@ -71,7 +71,8 @@ def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str,
     for target in targets:
         corners = np.array([[x, y] for x in (0.0, target.width) for y in (0.0, target.height)])
         outline = corners if full else _trace_rows(target)
-        outline = outline / frame_view(scene.views[0], target).px_per_mm(target.width)
+        view = frame_view(scene.views[0], target)
+        outline = outline / view.px_per_mm(target.width)
         if any(beside):
             low, high = outline.min(axis=0) - beside, outline.max(axis=0) + beside
             outline = np.array([low, [low[0], high[1]], high, [high[0], low[1]]])
@@ -79,7 +80,7 @@ def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str,
             from knotfab.design.survey import smaller_size
 
             across, down = np.ptp(outline, axis=0)
-            longer, fixed = frame_view(scene.views[0], target).longer_mm, 2 * max(beside)
+            fixed = 2 * max(beside)
             share = min(
                 (a - fixed) / (b - fixed)  # a plate's rim does not shrink with the picture
                 for a, b in zip(sorted(room[:2]), sorted((across, down)), strict=True)
@@ -88,7 +89,7 @@ def why_too_large(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str,
             return (
                 f"it stands on the bed{holder} with the light's axis up, {across:.0f} × {down:.0f} mm "
                 f"across, and the printer holds {' × '.join(f'{side:g}' for side in room)} mm",
-                f"Use --size {smaller_size(longer, share, 1)}, or --supports slicer",
+                f"Use --size {smaller_size(view.longer_mm, share, 1)}, or --supports slicer",
             )
     return None
 

@@ -28,7 +28,7 @@ from knotfab.search.state import SearchState, begin_search, resample_state, run_
 from knotfab_formats.search import SearchSettings
 
 _SEEN_EVERY = 10  # iterations between measurements of the reported IoU
-# of each phase that brings a far start near; a time budget does not change them
+# iterations of each phase that brings a far start near, whatever the time budget
 _APPROACH_ITERATIONS = 80
 _APPROACH_RATES = 0.25, 0.2, 0.12  # step sizes of these phases, in tube radii
 

@@ -48,7 +48,7 @@ def test_what_may_sag_shifts_no_shadow_by_more_than_an_eighth_and_a_quarter_of_i
     worst = 0.0
     for one in views:
         seen = Shadows.from_points(one, RING)
-        # of strands in the middle: those before it are wider
+        # an eighth of a strand's shadow at the middle; nearer to the lamp shadows are wider
         wide = 2.0 * 2.0 * one.magnification / 8
         shift = shifts_mm(seen, ways[:, None], 0.0)
         magnified = shifts_mm(seen, 1e-3 * seen.wall.axes[:1, None], 0.0)[0] / 1e-3

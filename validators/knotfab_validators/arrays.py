@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,8 @@ import numba
 import numpy as np
 from numba.core import event
 from numpy.typing import NDArray
+
+from knotfab_formats.collector import look_as_usual, look_rarely
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,24 +25,16 @@ _In = ParamSpec("_In")
 _Out = TypeVar("_Out")
 # free bytes needed to cache; all loops of both packages take a third of it
 _ROOM_BYTES = 16_000_000
-# thresholds of the garbage collector, for each loop that is being compiled
-_USUAL: list[tuple[int, int, int]] = []
-# new objects between its looks meanwhile: with the usual 700 these take a fifth of the time
-_AT_ONCE = 50_000
 
 
 class _Compiling(event.Listener):
     """Has the garbage collector look on more rarely while a loop, and those that it calls, are compiled."""
 
     def on_start(self, _: object) -> None:
-        _USUAL.append(gc.get_threshold())
-        if 0 < _USUAL[-1][0] < _AT_ONCE:
-            gc.set_threshold(_AT_ONCE)
+        look_rarely()
 
     def on_end(self, _: object) -> None:
-        usual = _USUAL.pop()
-        if 0 < usual[0] < _AT_ONCE:  # whoever raised it
-            gc.set_threshold(*usual)
+        look_as_usual()
 
 
 event.register("numba:compile", _Compiling())  # type: ignore[no-untyped-call]

@@ -52,9 +52,8 @@ def part_checks(
     The thickness must reach the tube's radius plus, if there is a scene, half its clearance;
     without a known radius it is only measured. Checks whose file is not given are skipped, and say
     so. A group that `skip` names entirely is not measured, except that printability needs the
-    surface. `printed` is the part before it shrinks, if it does; `wall_mm` how
-    thick a tube's wall prints, inf if it prints full. The seconds of each group
-    are added to `seconds`.
+    surface. `printed` is the part before it shrinks, if it does; `wall_mm` how thick a tube's wall
+    prints, inf if it prints full. The seconds of each group are added to `seconds`.
 
     A part without knots is searched for its centre lines (`centre_line`). Thickness, knot type and
     clearance are then measured on these estimates, and are not required.

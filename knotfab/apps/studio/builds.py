@@ -180,12 +180,13 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
         found = _read_report(report, report.stat().st_mtime_ns)
     except OSError:
         found = None
+    piece = _UNREADABLE
+    if found is not None:
+        piece = next((row.text.split(";")[0] for row in found.rows if row.name == "piece"), "")
     return {
         "where": folder.name + (f"/{REJECTED}" if rejected else ""),
         "verdict": found.verdict.word if found and found.verdict else None,
-        "piece": next((r.text.split(";")[0] for r in found.rows if r.name == "piece"), "")
-        if found
-        else _UNREADABLE,
+        "piece": piece,
         "files": list(dict.fromkeys([*(n for n in _SHOWN if n in held), *further])),
     }
 

@@ -58,7 +58,7 @@ class Way:
     seconds: float = 0.0
     """Of the whole build, as a person waits for it."""
     cpu_s: float = 0.0
-    """Of all processors, which other work on the machine changes little; 0 where it was not kept."""
+    """CPU seconds, which other work on the machine changes little; 0 where no earlier run kept them."""
     hours: float = 0.0
     grams: float = 0.0
     support_grams: float = 0.0
@@ -354,12 +354,8 @@ def print_ways(ways: Sequence[Way], out: Path) -> None:
     for column in ("", "way"):
         table.add_column(column, no_wrap=True)
     printed = any(way.hours for way in ways)
-    columns = (
-        "IoU",
-        "seconds",
-        "CPU s",
-        *(("hours", "grams", "of it supports") if printed else ()),
-    )
+    printing = ("hours", "grams", "of it supports") if printed else ()
+    columns = ("IoU", "seconds", "CPU s", *printing)
     for column in columns:
         table.add_column(column, no_wrap=True, justify="right")
     best = front_of(ways)

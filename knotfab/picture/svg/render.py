@@ -35,7 +35,7 @@ LONGER_SIDE = 2048  # px of the drawn picture
 UNDRAWN = ("Cc", "Cf", "Mn", "Zl", "Zp", "Zs")
 
 _MOST_NOTES = 8  # notes of the renderer that are passed on
-# of a drawing with a page on each side; share beside it that is told
+# px of a drawing with a page on each side of it; share of it beside its own page from which on that is told
 _GLANCE_PX, _BESIDE = 384, 0.2
 _NESTED = 3  # depth of drawings embedded in each other
 _FONTS = {

@@ -168,7 +168,7 @@ def _say_prepared(view: View) -> str:
 # share of the frame that a mount may darken if its pegs hide in the tube's shadow
 MOST_INTRUSION = 0.001
 # of one patch that a bar darkens on the receiver: a few corners that stick out, and never a bar across a gap
-MOST_BAR_MM2 = 1.0
+MOST_SHOWN_MM2 = 1.0
 
 
 def skip_shadow_checks(why: str, *, required: bool) -> list[Check]:
@@ -201,9 +201,8 @@ def shadow_checks(
     are the part's, in its own coordinates: places are named there. `intrusion`: the share of the
     frame that a mount, or bars, darken outside picture and knots, at most `MOST_INTRUSION` on a
     wall mount and of a piece without supports, which may have `bars`, none of which may show by more than
-    `MOST_BAR_MM2`. `wrong_outline`: the longest
-    stretch along which the outlines of shadow and picture are farther apart than `WRONG_PX`, for
-    information.
+    `MOST_SHOWN_MM2`. `wrong_outline`: the longest stretch along which the outlines of shadow and picture are
+    farther apart than `WRONG_PX`, for information.
     """
     checks = [
         _check_shadow(
@@ -305,9 +304,9 @@ def _check_intrusion(views: Mapping[str, VerifiedView], mount: str, bars: bool) 
     name = max(dark, key=lambda n: dark[n])
     hidden = mount == "wall" or (bars and mount == "none")
     bare = max(views, key=lambda n: views[n].bar_mm2)
-    if (patch := views[bare].bar_mm2) > MOST_BAR_MM2:
+    if (patch := views[bare].bar_mm2) > MOST_SHOWN_MM2:
         detail = f"a bar shows outside the picture and the knots, view {bare}"
-        return Check("intrusion", "fail", True, patch, MOST_BAR_MM2, "mm²", detail)
+        return Check("intrusion", "fail", True, patch, MOST_SHOWN_MM2, "mm²", detail)
     what = [*(["its mount"] if mount != "none" else []), *(["bars"] if bars else [])]
     return at_most(
         "intrusion",
