@@ -17,13 +17,12 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.measurement import paint_comparison, read_question, run_study
-from examples.side_view import beside, side_view
+from examples.side_view import beside, side_view, write_gif
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines, polylines_of_sizes
 from knotfab.limits.terms import Felt, State
 from knotfab.problem import Problem
 from knotfab.render.image import image_at
-from knotfab.render.part_picture import write_gif
 from knotfab.search.flow import plan_of
 from knotfab.search.objective import Term, Weights
 from knotfab.search.search import search

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -71,3 +72,11 @@ def _dense(curve: Array, spacing: float) -> Array:
     most = float(np.linalg.norm(ahead - curve, axis=1).max())
     share = np.arange(max(1, int(np.ceil(most / spacing))))[:, None, None]
     return np.asarray((curve + (ahead - curve) * share / len(share)).reshape(-1, 3))
+
+
+def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int) -> None:
+    """Write `images` (all of one size) as an endless GIF, each shown for `frame_ms`."""
+    palette = [image.convert("P", palette=Image.Palette.ADAPTIVE) for image in images]
+    palette[0].save(
+        path, format="GIF", save_all=True, append_images=palette[1:], duration=frame_ms, loop=0
+    )

@@ -145,8 +145,8 @@ def main(*, out: Path = Path("walk-cycle"), draw: bool = False) -> int:
         f"{watch.children_s:.0f} of the verification"
     )
     if code == 0:
+        from examples.side_view import write_gif
         from examples.walk_film import walk_film
-        from knotfab.render.part_picture import write_gif
 
         write_gif(out / "walk.gif", walk_film(out / "parts"), 100)
     reached = min(view["iou"] for view in report["views"]) >= IOU and min(swung.values()) >= 0.1

@@ -13,9 +13,8 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.measurement import run_study
-from examples.side_view import beside, side_view
+from examples.side_view import beside, side_view, write_gif
 from knotfab.knots import read_start
-from knotfab.render.part_picture import write_gif
 
 SIZE = 320  # px, of each half's height
 TURN_DEG = 50.0

@@ -32,6 +32,7 @@ _SUBJECT = (
 )
 _ROUND = "Throw the picture on a flat wall, or on a tilted one (wall_tilt_deg)"
 _ADVISED = "Leave it out: it changed no file, and only the report told of it"
+_MOVED = "Move the lamp as compare says, or build the piece again with the --lamp-distance at which it stands"
 OPTIONS: dict[str, Struck] = {
     "--also": Struck(_ALSO),
     "--tone": Struck(_GREYS, nothing=("off",)),
@@ -45,6 +46,8 @@ OPTIONS: dict[str, Struck] = {
     "tradeoff --combinations": Struck(
         "Turn keys of [search] together by --scene", nothing=("0", "16")
     ),
+    "compare --fix": Struck(_MOVED, flag=True),
+    "compare --build": Struck(_MOVED, flag=True),
     "--watch": Struck("Use knotfab studio, which shows a build as it grows.", flag=True),
 }
 """Options of the command line by name ("COMMAND --name" if only one command lost it); for callers of the

@@ -162,8 +162,6 @@ def compare(
     click: Flag = False,
     view: str | None = None,
     out: Place = Path("knotfab-compare.png"),
-    fix: Flag = False,
-    build: Flag = False,
     json: Flag = False,
 ) -> int:
     """Compare a photograph of the real shadow with the picture, and say which way to move the lamp.
@@ -183,16 +181,15 @@ def compare(
         Name of the view; the first by default.
     out
         The PNG that shows where shadow and picture differ.
-    fix
-        Also write FOLDER/fixed.toml, the scene with the lamp where it stands, and say what moving the lamp
-        alone would bring, and what a new part would.
-    build
-        Build that new part too, into FOLDER-fixed.
     json
         Print the figures as JSON.
     """
-    from knotfab.apps.compare.compare import compare_photo, write_comparison
-    from knotfab.apps.compare.fix import plan_fix, print_comparison, write_click_page
+    from knotfab.apps.compare.compare import (
+        compare_photo,
+        print_comparison,
+        write_click_page,
+        write_comparison,
+    )
 
     if click:
         page, more = out.with_suffix(".html"), [] if view is None else ["--view", view]
@@ -203,16 +200,8 @@ def compare(
         return 0
     found = compare_photo(photo, folder, corners, view)
     write_comparison(found, out)
-    plan = plan_fix(found, folder, view) if fix or build else None
-    print_comparison(found, out, json, plan)
-    if plan is None or not build:
-        return 1 if found.alike is False else 0
-    from knotfab.cli.commands import build as build_part
-    from knotfab.pipeline.options import BuildOptions
-
-    place = folder.resolve()
-    options = BuildOptions(scene=plan.scene, out=place.with_name(f"{place.name}-fixed"), quiet=json)
-    return build_part(options=options)
+    print_comparison(found, out, json)
+    return 1 if found.alike is False else 0
 
 
 @with_examples("""Examples:

@@ -19,7 +19,7 @@ from knotfab.report.drill_template import write_drill_template
 from knotfab.report.effects import judge_made, list_sags, list_views, tell_bounds, tell_warnings
 from knotfab.report.folder_page import write_page
 from knotfab.report.for_maker import check_slicing, tell_setup, tell_unsliced, with_slicing
-from knotfab.report.pictures import draw_agreement, turn_piece
+from knotfab.report.pictures import draw_agreement, tell_turns
 from knotfab.report.report import (
     check_3mf,
     check_certificate,
@@ -75,7 +75,7 @@ def report_piece(
     with progress.stage("report"):  # while PrusaSlicer slices
         views = _list_views(piece, printing, verdict)
         _draw_bendings(piece, folder)
-        turning, turned = turn_piece(folder.work, mounted, made.knots) if printing else (None, [])
+        turning, turned = tell_turns(mounted) if printing else (None, [])
         print_ = replace(
             print_of(made, part.bodies, views),
             mount=mounted.figures,

@@ -301,20 +301,3 @@ def encode_light(light: Array, exposure: float | None = None) -> NDArray[np.uint
     table = np.rint(255 * shown ** (1 / 2.2)).astype(np.uint8)
     scale = np.float32(_LEVELS / levels[-1])
     return np.asarray(table[np.clip(light * scale, 0, _LEVELS).astype(np.uint16)])
-
-
-# A GIF from pictures that were written before: the verified shadows of a sequence, or a film.
-
-
-def write_gif(path: Path, images: Sequence[Image.Image], frame_ms: int | list[int]) -> None:
-    """Write `images` (all of one size) as an endless GIF, each shown for `frame_ms`.
-
-    Raises:
-        ValueError: no image, or images of different sizes.
-    """
-    if not images or any(image.size != images[0].size for image in images):
-        raise ValueError("a GIF needs images of one size")
-    palette = [image.convert("P", palette=Image.Palette.ADAPTIVE) for image in images]
-    palette[0].save(
-        path, format="GIF", save_all=True, append_images=palette[1:], duration=frame_ms, loop=0
-    )

@@ -51,7 +51,7 @@ def _verdicts(report: Report) -> dict[str, tuple[str, str]]:
 @dataclass(frozen=True)
 class Picture:
     """A picture to embed. `role` places it: "compare", "bent", "alone", "shadow", "given" with the view
-    named `view`, "part" with the pictures of the part, "turn" before these."""
+    named `view`, "part" with the pictures of the part."""
 
     path: Path
     role: str

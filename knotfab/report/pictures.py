@@ -13,15 +13,12 @@ from PIL import Image, ImageDraw
 from knotfab.base.arrays import Array, Mask
 from knotfab.design.hull import HullBound
 from knotfab.design.survey import Survey, ViewSurvey
-from knotfab.geometry.polylines import polylines_of
 from knotfab.hold.mount import Mounted
-from knotfab.knots import Knots
 from knotfab.picture.raster import encode_image
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import fit_size
-from knotfab.render.image import image_at
 from knotfab.render.pages import length
-from knotfab.render.part_picture import look_from, turn_upright, write_gif
+from knotfab.render.part_picture import look_from, turn_upright
 from knotfab.report.page import Picture
 from knotfab.scene.camera import view_axes
 from knotfab_formats.print_figures import Turning
@@ -60,9 +57,6 @@ def find_pictures(folder: Path) -> list[Picture]:
     hung = folder / "piece.png"
     if hung.is_file():
         found.append(Picture(hung, "piece", "the piece with its shadow, its lamp on"))
-    turn = folder / TURN_FILE
-    if turn.is_file():
-        found.append(Picture(turn, "turn", "the shadow under one lamp, over a full turn"))
     if (unlit := folder / "unlit.png").is_file():
         caption = "unlit: from the door, 45° aside at its height, and from where it tells most"
         found.append(Picture(unlit, "unlit", caption))
@@ -88,10 +82,6 @@ def place_strangers(views: Sequence[ResolvedView], report: Report) -> Array:
 
 # A piece of several views that turns under one fixed lamp: at which angles it shows its pictures.
 
-TURN_FILE = "turn.gif"
-STEP_DEG, PIXELS = 5.0, 240
-FRAME_MS, HOLD_MS = 60, 900  # while it turns, and where it shows a picture
-WALL, SHADOW = (250, 248, 244), (52, 49, 45)
 _LEAST_MM = 1.0  # the least shift to the side that is told
 # keys that must be the same in all views for one lamp to serve them
 _SHARED = (
@@ -117,8 +107,8 @@ def turns_of(scene: SettledScene) -> dict[str, float]:
     return angles
 
 
-def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | None, list[str]]:
-    """Say at which angles a piece on a stand or thread shows its pictures, and write turn.gif."""
+def tell_turns(mounted: Mounted) -> tuple[Turning | None, list[str]]:
+    """Say at which angles a piece on a stand or thread shows its pictures, and how far aside."""
     angles = turns_of(mounted.scene)
     if not angles or (mounted.stand is None and mounted.hang is None):
         return None, []
@@ -132,8 +122,7 @@ def turn_piece(folder: Path, mounted: Mounted, knots: Knots) -> tuple[Turning | 
     about = (
         "its thread" if mounted.stand is None else "the vertical through the middle of the scene"
     )
-    note = f"Turned about {about} under the first lamp alone, it shows {', '.join(words)} ({TURN_FILE})."
-    _write_turn(folder / TURN_FILE, mounted.scene, knots, axis, list(angles.values()))
+    note = f"Turned about {about} under the first lamp alone, it shows {', '.join(words)}."
     return Turning(angles, aside), [note]
 
 
@@ -141,29 +130,6 @@ def _tell_aside(aside_mm: float) -> str:
     if abs(aside_mm) < _LEAST_MM:
         return ""
     return f" ({length(abs(aside_mm))} mm to the {'right' if aside_mm > 0 else 'left'})"
-
-
-def _write_turn(
-    path: Path, scene: SettledScene, knots: Knots, axis: Array, shown: list[float]
-) -> None:
-    view, curves = scene.views[0], [knot.points for knot in knots.knots]
-    points, rings = np.concatenate(curves), polylines_of(curves)
-    reach = float(np.hypot(*(points - axis)[:, [0, 2]].T).max() + np.hypot(axis[0], axis[2]))
-    near = view.light_distance_mm / max(view.light_distance_mm - reach, 1.0)
-    wide = 2.2 * (reach + knots.radius_mm) * near * view.magnification
-    high = 2.2 * (np.abs(points[:, 1]).max() + knots.radius_mm) * near * view.magnification
-    frame = {
-        "frame_width_mm": max(wide, view.frame_width_mm),
-        "frame_height_mm": max(high, view.frame_height_mm),
-        "frame_up_mm": 0.0,
-    }
-    image = image_at(view.but(**frame), np.zeros((8, 8), dtype=bool), knots.radius_mm, PIXELS)
-    turns = sorted({*np.arange(0.0, 360.0, STEP_DEG), *shown})
-    frames = []
-    for angle in turns:
-        dark = image.seen(turn_upright(points - axis, angle) + axis, rings, knots.radius_mm)
-        frames.append(Image.fromarray(np.where(dark[..., None], SHADOW, WALL).astype(np.uint8)))
-    write_gif(path, frames, [HOLD_MS if angle in shown else FRAME_MS for angle in turns])
 
 
 # A survey as one picture: each silhouette, and in red what the tube loses of it.

@@ -43,7 +43,7 @@ ALLOWED = {
                 "render/pages.py:write_pages",
                 "report/setup.py:write_setup",
             ),
-            *("render/part_picture.py:draw_part", "render/part_picture.py:write_gif"),
+            "render/part_picture.py:draw_part",
             "report/report.py:write_report_json",
         ],
         "inside a build's hidden folder, which mkdtemp makes in the one that the build fills",

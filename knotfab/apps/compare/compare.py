@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +27,13 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.base.disk import write_whole
 from knotfab.base.limited import run_limited
 from knotfab.knots import Knot, Knots, read_knots
-from knotfab.picture.raster import decode, encode_image
+from knotfab.picture.raster import decode, encode_image, image_uri
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import mask_iou, sample_mask
 from knotfab.picture.source import SECONDS, read_bytes
 from knotfab.report.drill_template import CARD_MM, card_middles
+from knotfab.report.page import make_environment
+from knotfab.report.summary import tell_share
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import load_scene
 from knotfab_formats.errors import InputError
@@ -45,6 +49,7 @@ _LEAST_MM = (2.0, 2.0, 8.0)  # smallest moves worth making: right, up, away
 # IoU after the fit below which it is the shadow of something else. A piece's own shadow, with corners off by
 # up to 2 mm, reaches 0.68 to 1.00. Others reach 0.38 at most, or 0.78 if both shadows are much like a disc
 _ALIKE = 0.6
+_PAGE_PX = 2000  # longer side of the photograph on the page to click
 _ROUGH = 3  # factor by which pixels and vertices are thinned out to try an order of the corners
 _SURE = 0.9  # IoU after the fit from which no other order of the corners is tried
 _PAPER, _BOTH, _MISSING, _SPILL = (250, 248, 244), (150, 146, 140), (33, 102, 172), (200, 60, 20)
@@ -102,7 +107,7 @@ def compare_photo(
     Raises:
         InputError: a file cannot be read, the frame is not found, or nothing in it is in shadow.
     """
-    scene, view, _, (camera, wanted, pad), knots = open_view(folder, view_name)
+    scene, view, (camera, wanted, pad), knots = _open_view(folder, view_name)
     image = read_photo(photo)
     width, height = camera.width - 2 * pad[0], camera.height - 2 * pad[1]
     grey = image @ (0.299, 0.587, 0.114)
@@ -147,14 +152,14 @@ def compare_photo(
     )
 
 
-def open_view(
+def _open_view(
     folder: Path, name: str | None
-) -> tuple[Scene, ResolvedView, str, tuple[Camera, Mask, tuple[int, int]], Knots | None]:
+) -> tuple[Scene, ResolvedView, tuple[Camera, Mask, tuple[int, int]], Knots | None]:
     """Read the files that a build wrote for a view.
 
     Returns:
-        Scene, view, suffix of the files, (camera, picture, margin), and the knots if they are there. Camera
-        and picture include the margin around the frame, in px right and down.
+        Scene, view, (camera, picture, margin), and the knots if they are there. Camera and picture include
+        the margin around the frame, in px right and down.
 
     Raises:
         InputError: there is no such view, or a file cannot be read.
@@ -168,7 +173,7 @@ def open_view(
     wanted = np.pad(asked, ((pad[1], pad[1]), (pad[0], pad[0])))
     camera = camera_of(view, width, height).padded(*pad)
     knots = _read_knots(folder / f"knots{suffix}.json", scene)
-    return scene, view, suffix, (camera, wanted, pad), knots
+    return scene, view, (camera, wanted, pad), knots
 
 
 def _best_iou(iou: float, lamp: LampFit | None) -> float:
@@ -256,6 +261,42 @@ def write_comparison(found: Comparison, out: Path) -> None:
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "differences are drawn as PNG", "Name a file in .png.")
     write_whole(out, found.png)
+
+
+def print_comparison(found: Comparison, picture: Path, as_json: bool) -> None:
+    """Print how like the picture a photographed shadow is, and what would help; `picture` shows it."""
+    if as_json:
+        print(json.dumps({**found.to_dict(), "picture": str(picture)}))
+        return
+    lost = f": {found.missing:.1%} of the picture is missing, {found.spilled:.1%} spilled"
+    print(f"{tell_share(found.iou)} alike{'' if found.alike is False else lost}.")
+    if advice := advise(found):
+        print(f"  {advice}")
+    print(f"  {picture} shows where they differ: blue is missing, red is spilled.")
+
+
+def write_click_page(photo: Path, command: list[str], out: Path) -> None:
+    """Write a page, of one file, on which four clicks at the frame's corners give the command to go on.
+
+    Args:
+        command: the call of `knotfab compare` to which the page adds the corners.
+
+    Raises:
+        InputError: the photograph cannot be read, or the page cannot be written.
+    """
+    image = Image.fromarray((255 * read_photo(photo)).round().astype("uint8"))
+    width, height = image.size
+    image.thumbnail((_PAGE_PX, _PAGE_PX))
+    template = make_environment(Path(__file__).parent).get_template("click.html.j2")
+    page: str = template.render(
+        name=photo.name,
+        uri=image_uri(image, "jpeg", quality=85),
+        width=width,
+        height=height,
+        before=shlex.join(command[:4]),
+        after="".join(f" {shlex.quote(word)}" for word in command[4:]),
+    )
+    write_whole(out, page.encode())
 
 
 def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str]:

@@ -21,7 +21,7 @@ _RECORDS = "records"
 # files to offer, the most wanted first
 _SHOWN = (
     "part.3mf", "part.stl", "part.glb", "part-colours.3mf",
-    "setup.pdf", "report.html", "turn.gif", "report.json", "scene.toml", "knots.json",
+    "setup.pdf", "report.html", "report.json", "scene.toml", "knots.json",
     "slicer.ini",
 )  # fmt: skip
 # prefixes of further files

@@ -19,18 +19,17 @@ from pages import open_browser
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from knotfab.apps.compare.compare import Comparison, advise, compare_photo
-from knotfab.apps.compare.fix import Fix, plan_fix, tell_fix
-from knotfab.apps.compare.rectify import LampFit, find_lamp, find_marks, homography, map_points
+from knotfab.apps.compare.compare import advise, compare_photo
+from knotfab.apps.compare.rectify import find_lamp, find_marks, homography, map_points
 from knotfab.base.arrays import Array, Mask
-from knotfab.knots import Knot, Knots, read_knots
+from knotfab.knots import Knot, Knots
 from knotfab.part.write import make_pose
 from knotfab.render.pages import PAPERS
 from knotfab.report.drill_template import card_middles, draw_marks_page
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import dump_scene, load_scene
 from knotfab_formats.errors import InputError
-from knotfab_formats.piece import Accuracy, Mount, Piece
+from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedView, Scene
 
 VIEW = ResolvedView(
@@ -47,32 +46,28 @@ KNOTS = Knots(
 CORNERS = 0.45 * np.array([[210.0, 140.0], [1010.0, 190.0], [960.0, 800.0], [260.0, 720.0]])
 FARTHER = CORNERS.mean(axis=0) + 0.72 * (CORNERS - CORNERS.mean(axis=0))
 SIZE = (540, 405)
-QUICK = {
-    "coarse_px": 96, "fine_px": 160, "coarse_iterations": 25, "fine_iterations": 20,
-    "settle_iterations": 20, "depth_candidates": 4,
-}  # fmt: skip
 
 
 @cache
 def shaded(moved: tuple[float, float, float]) -> Array:
     """(180, 220) what the piece darkens of the frame and 30 mm about it, a px to a mm, under a small lamp."""
     camera = camera_of(VIEW, 160, 120).padded(30, 30)
-    dark = darkened(camera, camera.eye + np.array(moved))
+    dark = _darken(camera, camera.eye + np.array(moved))
     return np.asarray(ndimage.gaussian_filter(dark.astype(float), 0.8))
 
 
-def darkened(camera: Camera, eye: Array, knots: Knots = KNOTS) -> Mask:
+def _darken(camera: Camera, eye: Array) -> Mask:
     """(H, W) whether the ray from the lamp to each pixel meets a tube: point by point, finely sampled."""
     v, u = np.mgrid[: camera.height, : camera.width]
     rays = camera.corner + u[..., None] * camera.du + v[..., None] * camera.dv - eye
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
     dark = np.zeros(u.shape, dtype=bool)
-    for knot in knots.knots:
+    for knot in KNOTS.knots:
         ahead = np.roll(knot.points, -1, axis=0)
         for share in (0.0, 0.5):
             points = knot.points + share * (ahead - knot.points) - eye
             off2 = (points**2).sum(axis=1) - (rays @ points.T) ** 2
-            dark |= (off2 < knots.radius_mm**2).any(axis=-1)
+            dark |= (off2 < KNOTS.radius_mm**2).any(axis=-1)
     return dark
 
 
@@ -166,55 +161,6 @@ def test_a_lamp_beside_its_place_is_found(folder: Path, tmp_path: Path) -> None:
     assert np.allclose(fitted[:2], moved[:2], atol=1.5)
     assert fitted[2] == pytest.approx(moved[2], abs=12)
     assert all(f" mm {way}" in advise(found) for way in ("right", "up", "nearer"))
-
-
-@pytest.mark.build
-@pytest.mark.study
-def test_a_part_is_built_for_the_lamp_as_it_stands(folder: Path, tmp_path: Path) -> None:
-    """What is foretold of it is what its own shadow brings, thrown by the lamp that stood there."""
-    moved, place = (-12.0, -10.0, 150.0), shutil.copytree(folder, tmp_path / "ring")
-    scene = load_scene(place / "scene.toml")
-    keys = {"mount": Mount(kind="none"), "accuracy": Accuracy(name="sketch"), "search": QUICK}
-    keys["piece"] = Piece(tube_radius_mm=4.0)
-    (place / "scene.toml").write_text(dump_scene(scene.model_copy(update=keys)))
-    photo = photograph(tmp_path / "photo.png", moved)
-    out = ("--out", tmp_path / "out.png", "--build", "--json")
-    done = knotfab("compare", photo, place, "--corners", *words(), *out)
-    assert done.code == 0, done.err
-    told = json.loads(done.out)
-    fix, view = told["fix"], load_scene(place / "fixed.toml").views[0]
-    assert Path(fix["scene"]) == place / "fixed.toml"
-    assert view.light_distance_mm == pytest.approx(VIEW.light_distance_mm + moved[2], abs=20)
-    assert fix["right_mm"] == pytest.approx(moved[0], abs=2)
-    assert fix["up_mm"] == pytest.approx(moved[1], abs=2)
-    assert told["iou"] < 0.9 < 0.95 < min(fix["moved_iou"], fix["new_iou"])
-    built = tmp_path / "ring-fixed"
-    pose = load_scene(built / "scene.toml").pose
-    assert pose is not None
-    knots = read_knots(built / "knots.json").moved(np.array(pose.matrix))
-    lamp = {"light_distance_mm": VIEW.light_distance_mm + moved[2]}  # it hangs before the lamp
-    camera = camera_of(VIEW.model_copy(update=lamp), 160, 120)
-    wanted = shaded((0.0, 0.0, 0.0))[30:-30, 30:-30] > 0.5
-    thrown = darkened(camera, camera.eye, knots)
-    iou = (thrown & wanted).sum() / (thrown | wanted).sum()
-    assert iou > 0.93 and iou > told["iou"] + 0.08
-    foretold = Fix(Path(fix.pop("scene")), **fix)
-    said = " ".join(tell_fix(foretold, Comparison(told["iou"], 0.1, 0.1, None, b"")))
-    assert "Moving the lamp alone would bring 97." in said and "12 mm left and 10 mm down" in said
-
-
-def test_a_scene_is_fixed_only_where_the_lamp_is_known(
-    folder: Path, unknown: Path, tmp_path: Path
-) -> None:
-    found = Comparison(0.8, 0.1, 0.1, None, b"")
-    with pytest.raises(
-        InputError, match=r"--fix: .*does not tell where the lamp stood.*knots\.json"
-    ):
-        plan_fix(found, unknown)
-    strange = LampFit(0.0, 0.0, 0.0, 0.1, 0.2)
-    with pytest.raises(InputError, match="does not look like that piece's shadow"):
-        plan_fix(Comparison(0.1, 0.5, 0.5, strange, b""), folder)
-    assert not (folder / "fixed.toml").exists() and not (unknown / "fixed.toml").exists()
 
 
 def begun(at: int) -> list[str]:
