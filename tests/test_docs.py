@@ -21,6 +21,12 @@ from knotfab_formats.piece import Mount
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
+PRODUCT = ("knotfab", "validators", "formats", "fixtures", "web/src")
+CODE = [
+    path.relative_to(ROOT).as_posix()
+    for folder in (*PRODUCT, "benchmarks", "examples", "paper", "tests", "docs")
+    for path in (ROOT / folder).rglob("*.*")
+]
 TARGETS = set(" ".join(re.findall(r"^([a-z][a-z -]*):", MAKEFILE, re.M)).split())
 
 
@@ -162,3 +168,13 @@ def test_the_page_names_each_place(kind: str) -> None:
     for file in PLACES[kind][1]:
         short = file.removeprefix("knotfab/").removeprefix("validators/knotfab_validators/")
         assert f"`{short}`" in row, f"the row of {kind} lacks {short}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_file_of_the_code_that_a_page_names_is_there(page: Path) -> None:
+    """Of whatever folder: pages leave out `knotfab/` and the like; NAME and NN stand for any."""
+    named = set(re.findall(r"`([\w./-]+\.(?:py|js|j2|css))`", prose_of(page)))
+    missing = {
+        n for n in named if "NAME" not in n and not any(f"/{f}".endswith(f"/{n}") for f in CODE)
+    }
+    assert not missing
