@@ -463,8 +463,13 @@ def test_faces_longer_than_centre_line_edges_are_the_strands() -> None:
         np.concatenate([b[0] for b in bodies]),
         np.concatenate([bodies[0][1], bodies[1][1] + len(bodies[0][0])]),
     )
-    found = check_clearance(mesh, Curves((fine, far), ("unknot",) * 2, (True,) * 2, 3.0), None)
-    assert found.status == "pass" and found.measured == pytest.approx(1.0, abs=0.5)
+    both = Curves((fine, far), ("unknot",) * 2, (True,) * 2, 3.0)
+    for asked in (
+        None,
+        0.4,
+    ):  # faces that meet are nearest to places farther apart than a bend's sides
+        found = check_clearance(mesh, both, asked)
+        assert found.status == "pass" and found.measured == pytest.approx(1.0, abs=0.5)
 
 
 @pytest.mark.parametrize("seed", range(10))

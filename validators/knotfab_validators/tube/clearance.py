@@ -20,7 +20,13 @@ from knotfab_validators.geometry.mesh import (
 )
 from knotfab_validators.geometry.surface import tell_heap
 from knotfab_validators.geometry.triangles import nearest_edges, triangle_triangle, triangles_cross
-from knotfab_validators.tube.thickness import Samples, StrandPairs, sample_curves, strand_pairs
+from knotfab_validators.tube.thickness import (
+    Samples,
+    StrandPairs,
+    arc_between,
+    sample_curves,
+    strand_pairs,
+)
 
 MOST_BODIES = 500
 SPACING = 0.5  # radii between the samples of the centre lines
@@ -120,7 +126,8 @@ def strand_gap(
     two edges are measured exactly if places on these edges face each other (`strand_pairs`), that
     is, are not neighbours along one strand. A bend is measured as well if it is tighter than it
     may be: places at least pi (radius + required_mm / 2) apart along a knot count where their
-    surfaces are nearer than `required_mm`, since a tube with that thickness has none.
+    surfaces are nearer than `required_mm`, since a tube with that thickness has none. What counts are the
+    nearest points' own places: a long face reaches past its edge.
 
     Two edges' faces keep the distance of the edges less the farthest corner on either side, so
     pairs of edges are taken in the order of that bound, until it exceeds the least distance found.
@@ -144,7 +151,7 @@ def strand_gap(
     while True:
         pairs = strand_pairs(samples, thick + look + samples.step, apart)
         facing = _find_smallest(surface, samples, pairs, pairs.facing, look, radius)
-        bend = _find_smallest(surface, samples, pairs, pairs.far, required_mm, radius)
+        bend = _find_smallest(surface, samples, pairs, pairs.far, required_mm, radius, apart)
         if bend is not None and bend.distance >= required_mm:
             bend = None
         found = [gap for gap in (facing, bend) if gap is not None]
@@ -194,9 +201,18 @@ def _sort_faces(mesh: Mesh, curves: Curves, samples: Samples, radius: float) -> 
 
 
 def _find_smallest(
-    surface: _Surface, samples: Samples, pairs: StrandPairs, which: Mask, most: float, radius: float
+    surface: _Surface,
+    samples: Samples,
+    pairs: StrandPairs,
+    which: Mask,
+    most: float,
+    radius: float,
+    apart_mm: float = 0.0,
 ) -> Gap | None:
-    """Find the nearest triangles, up to `most` apart, on the edges of pairs of samples."""
+    """Find the nearest triangles, up to `most` apart, on the edges of pairs of samples.
+
+    Their nearest points are at least `apart_mm` apart along one knot, to the step of the samples.
+    """
     count = np.int64(len(surface.start))
     # the edge before a sample is as near to it as the one after
     here = [samples.edge[pairs.i[which]], samples.edge[samples.behind[pairs.i[which]]]]
@@ -225,6 +241,15 @@ def _find_smallest(
         # deeper means less: the distance is by how much the centre lines are too near
         deep = np.minimum(apart[own] - 2 * radius, 0.0)
         distance = np.where(crossed, deep, distance)
+        if apart_mm > 0:
+            near = np.flatnonzero(distance <= most)
+            i, j = (
+                _find_places(samples, points[near], edges[own[near]], 2 * surface.size[face[near]])
+                for points, edges, face in ((p, e, a), (q, f, b))
+            )
+            along = arc_between(samples, i, j)
+            own_strand = samples.knot[i] == samples.knot[j]
+            distance[near[own_strand & (along < apart_mm - samples.step)]] = np.inf
         k = int(distance.argmin())
         if distance[k] <= most:
             ends = (int(e[own[k]]), int(f[own[k]]))
@@ -234,6 +259,21 @@ def _find_smallest(
             )
             best = Gap(float(distance[k]), np.stack([p[k], q[k]]), ends, proud)
             most = best.distance
+    return best
+
+
+def _find_places(samples: Samples, points: Array, edges: Ints, reach: Array) -> Ints:
+    """Find the sample nearest to each point (n, 3), of those within `reach` (n,) along from its edge."""
+    begin = np.searchsorted(samples.edge, edges)
+    best, least = begin.copy(), np.linalg.norm(points - samples.point[begin], axis=1)
+    for step in (samples.ahead, samples.behind):
+        at, on = begin.copy(), np.arange(len(begin))
+        while len(on):
+            at[on] = step[at[on]]
+            on = on[(at[on] != begin[on]) & (arc_between(samples, begin[on], at[on]) <= reach[on])]
+            away = np.linalg.norm(points[on] - samples.point[at[on]], axis=1)
+            less = away < least[on]
+            best[on[less]], least[on[less]] = at[on[less]], away[less]
     return best
 
 

@@ -268,6 +268,12 @@ def sample_curves(polygons: Sequence[Array], step: float) -> Samples:
     )
 
 
+def arc_between(samples: Samples, i: Ints, j: Ints) -> Array:
+    """Return the shorter way (n,) along their knot from samples to others."""
+    along = np.abs(samples.arc[i] - samples.arc[j])
+    return np.minimum(along, samples.lengths[samples.knot[i]] - along)
+
+
 def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
     """Find pairs of samples within `reach` that face each other, or are `apart` along their knot.
 
@@ -288,9 +294,7 @@ def strand_pairs(samples: Samples, reach: float, apart: float) -> StrandPairs:
     pairs = tree.query_pairs(reach, output_type="ndarray").astype(np.int64)
     i, j = pairs.min(axis=1), pairs.max(axis=1)
     other = samples.knot[i] != samples.knot[j]
-    along = np.abs(samples.arc[i] - samples.arc[j])
-    along = np.minimum(along, samples.lengths[samples.knot[i]] - along)
-    far = other | (along >= apart)
+    far = other | (arc_between(samples, i, j) >= apart)
     facing = other.copy()
     same = np.flatnonzero(~other)
     facing[same] = ~_meet(samples, i[same], j[same])
