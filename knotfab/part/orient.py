@@ -174,11 +174,11 @@ ROUND_MM = 0.1
 
 @dataclass(frozen=True)
 class Flattening:
-    """The changes made because supports exceed the printer's limit, or pegs do not hold; mm.
+    """The changes made because supports exceed the printer's limit, or pegs or feet do not hold; mm.
 
     `from_mm` is the depth of the first search, `to_mm` of the one that was kept (equal if none
     followed), and `proposed_mm` what the kept one would still need, if anything. `unheld` says why
-    no pegs held the first; `wall_mm` are the distances of the first and the kept one from the wall.
+    no pegs or feet held the first; `wall_mm` are the distances of the first and the kept one from the wall.
     """
 
     from_mm: float

@@ -31,6 +31,7 @@ from knotfab.pipeline.settle import (
     depth_mm,
     may_change,
     propose_depth,
+    propose_lower,
     propose_place_for,
     wall_mm,
 )
@@ -315,7 +316,8 @@ def plan_places(
 ) -> Steps[Settled]:
     """Plan the part of a design, and further searches if it needs too much support or no pegs hold it.
 
-    Too much support calls for less depth; pegs that do not hold, for a nearer wall and then less depth, too.
+    Too much support calls for less depth, and so do legs that sag in their plate; pegs that do not hold, for
+    a nearer wall and then less depth, too.
     Nothing is searched again against the scene's own depth or wall, a free view, given start knots or a
     time budget: the returned Flattening is then only a proposal. If no search is better, the earlier design
     is kept. Several pictures settle depth and wall by themselves. Feet that no roots can join
@@ -338,6 +340,12 @@ def plan_places(
             if shallower and left and found.proposed_mm is not None:
                 place = Place(found.proposed_mm, wall_mm(now))
                 why = "it needs too much support"
+            elif shallower and left and found.over_mm > 0 and request.scene.mount.on_feet:
+                wall, most = found.part.mounted.wall, found.part.mounted.scene.mount.max_sag_mm
+                assert wall is not None and most is not None
+                place = propose_lower(now, wall.sag_mm, most)
+                why = f"it sags {wall.sag_mm:.2f} mm on its feet, and {most:.2f} mm are allowed"
+                unheld = unheld or why
         except NotHeldError as error:
             if left:
                 with progress.stage("mount"):
@@ -350,8 +358,9 @@ def plan_places(
             elif now is made:
                 raise
         except NoWayError as error:
-            now = made = replace(made, scene=on_rounded(made.scene))
-            why = error.why
+            rounded = replace(now, scene=on_rounded(now.scene))
+            made = rounded if now is made else made
+            now, why = rounded, error.why
             continue
         except SceneError:
             if now is made:

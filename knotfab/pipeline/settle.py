@@ -24,12 +24,13 @@ def may_change(request: Request) -> tuple[bool, bool]:
     """Return whether the depth may be changed, and whether the wall's distance may."""
     scene = request.scene
     free = request.printing and request.time_budget_s is None and not scene.settings.start
-    # a plate settles both, and the frames of a sequence share both
-    free = free and not scene.mount.on_feet and not request.sequence
-    # a free view finds its own wall
+    # the frames of a sequence share both
+    free = free and not request.sequence
     given = "wall_distance_mm" in scene.views[0].model_fields_set
-    wall = not given and not scene.settings.free_view
-    return free and scene.piece.depth is None, free and wall
+    # the wall of a piece that stands on it follows from its depth, and a free view finds its own
+    stands = scene.mount.on_feet
+    wall = not given and not scene.settings.free_view and not stands
+    return free and scene.piece.depth is None and not (stands and given), free and wall
 
 
 def propose_place_for(request: Request, made: Design) -> Place | None:
@@ -59,6 +60,12 @@ def propose_depth(made: Design, part: Part) -> float | None:
 
 def depth_mm(made: Design) -> float:
     return float(np.ptp(made.knots.points @ view_axes(made.scene.views[0])[2]))
+
+
+def propose_lower(made: Design, sag_mm: float, most_mm: float) -> Place:
+    """Propose a place for a standing piece that sags too much: legs bend by the fourth power of height."""
+    lower = depth_mm(made) * (AIM * most_mm / sag_mm) ** 0.25
+    return Place(max(float(np.floor(_ROUND * lower)), 1.0) / _ROUND, wall_mm(made))
 
 
 def tell_depth(asked: float | None, made: Design) -> list[str]:

@@ -21,6 +21,7 @@ from knotfab.design.design import design_knots
 from knotfab.design.frames import frame_view
 from knotfab.design.room import depth_extent, resolve_region
 from knotfab.hold.beams import Stiffness
+from knotfab.hold.roots import NoWayError
 from knotfab.hold.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import Target, read_target
@@ -222,6 +223,49 @@ def test_less_depth_for_supports_is_taken_where_it_is_found(
     assert said.proposed_mm == asks.get(made.number) and not said.unheld
     assert maker.thoroughly == [False] * (2 - len(unmade))  # a piece that holds is not made twice
     assert {scene.views[0].wall_distance_mm for scene in maker.asked} == {100.0}
+
+
+@pytest.mark.parametrize(
+    ("scene", "soft_mm", "lower"),
+    [
+        ("[mount]\nplate = 'rounded'", 0.19, []),
+        ("[mount]\nplate = 'rounded'", 0.4, [73.7]),
+        ("[mount]\nplate = 'rounded'\n[piece]\ndepth = 90.0", 0.4, []),
+        ("[mount]\nplate = 'rounded'\n[[views]]\nwall_distance_mm = 60.0", 0.4, []),
+    ],
+    ids=["firm", "sags", "depth given", "wall given"],
+)
+@pytest.mark.parametrize("no_way", [False, True])
+def test_what_sags_on_its_feet_is_searched_lower(
+    scene: str,
+    soft_mm: float,
+    lower: list[float],
+    no_way: bool,
+    target: Target,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    maker = Maker(target, np.inf)
+
+    def part(made: Any, *_: Any, thoroughly: bool) -> Any:
+        found = Maker.part(maker, made, thoroughly=thoroughly)
+        if no_way and made.number == len(lower) and not hasattr(made.scene, "rounded"):
+            raise NoWayError("roots", "no shadow leads there", "")
+        found.mounted.wall.sag_mm = soft_mm * (np.ptp(made.knots.points[:, 2]) / 90.0) ** 4
+        return found
+
+    def round_off(scene: Any) -> Any:
+        return SimpleNamespace(**vars(scene), rounded=True)
+
+    maker.part = part  # type: ignore[method-assign]
+    monkeypatch.setattr(planning, "on_rounded", round_off)
+    made, said = settle(maker, scene, monkeypatch)
+    assert [one.piece.depth for one in maker.asked[1:]] == pytest.approx(lower, abs=0.1)
+    assert made.number == len(lower) and hasattr(made.scene, "rounded") == no_way
+    if lower:
+        assert said.unheld.startswith("it sags 0.40 mm on its feet")
+        assert (said.from_mm, said.to_mm) == pytest.approx((90.0, lower[-1]), abs=0.1)
+    else:
+        assert said is None
 
 
 def test_no_part_at_all_has_the_first_design_s_reason(
