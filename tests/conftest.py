@@ -19,6 +19,7 @@ from knotfab.base import limited
 from knotfab.base.pool import Workers
 from knotfab.hold import modeller
 from knotfab.pipeline import verifier
+from knotfab_validators.shadows.told import DOOR
 
 # the same examples in every run, and none fails by the clock; `make worst-cases` searches for others
 settings.load_profile("ci")
@@ -80,11 +81,25 @@ def _validators_asked(jobs: int) -> tuple[object, ...]:
 def _draw_small() -> Iterator[None]:
     """Text and SVG files are drawn 512 px wide, not 2048: a sixteenth of the work to read and to verify.
 
-    Processes of their own draw them as large as ever, and tests/picture asks for that where it matters.
+    So are the pictures of the piece with its shadow, which a build draws last. Processes of their own draw
+    all as large as ever, and tests/picture asks for that where it matters.
     """
     with pytest.MonkeyPatch.context() as patch:
         for module in ("text", "svg.render"):
             patch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 512)
+        for name, pixels in {"WIDE_PX": 480, "HIGH_PX": 360, "_DAY_PX": (240, 180)}.items():
+            patch.setattr(f"knotfab.render.hung_picture.{name}", pixels)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _look_from_the_door() -> Iterator[None]:
+    """Ask from two sides what a piece tells, not from twelve: a third of a shadow's seconds, and no check.
+
+    Processes of their own ask from all, and so does test_told.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("knotfab_validators.shadows.told.SIDES", DOOR)
         yield
 
 

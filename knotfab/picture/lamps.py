@@ -303,7 +303,7 @@ def _without_grain(srgb: Array) -> Array:
     """Smooth the picture and keep its edges, by total variation (Chambolle 2004)."""
     from skimage.restoration import denoise_tv_chambolle
 
-    smoothed = denoise_tv_chambolle(srgb, weight=_FLATTENED, channel_axis=-1)  # type: ignore[no-untyped-call]
+    smoothed = denoise_tv_chambolle(srgb, weight=_FLATTENED, channel_axis=-1)
     took_part("scikit-image", "smoothed the photograph's grain")
     return np.asarray(np.clip(smoothed, 0.0, 1.0))
 

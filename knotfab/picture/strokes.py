@@ -48,7 +48,7 @@ def trace_strokes(mask: Mask, width_px: float) -> list[Line]:
     columns, rows = max(1, round(zoom * width)), max(1, round(zoom * height))
     fine = np.pad(sample_mask(mask, columns, rows), 1)
     fine = fill_holes(fine, _HOLE * _RADIUS_PX**2)
-    skeleton = np.asarray(skeletonize(fine))  # type: ignore[no-untyped-call]
+    skeleton = np.asarray(skeletonize(fine))
     graph = _build_chains(*_cut_ends(*_link_pixels(skeleton), distance_transform_edt(fine)))
     _tidy_graph(graph)
     scale = np.array([width / columns, height / rows])

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tables import some
 
 SETTINGS = {
     "a backend of a notebook": ("module://matplotlib_inline.backend_inline", None),
@@ -18,7 +19,7 @@ SETTINGS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", SETTINGS)
+@pytest.mark.parametrize("case", some(SETTINGS, 3))
 def test_settings_of_matplotlib_decide_nothing(case: str, tmp_path: Path) -> None:
     backend, settings = SETTINGS[case]
     if settings is not None:

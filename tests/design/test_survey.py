@@ -79,7 +79,7 @@ def face(path: Path, eye: float) -> Path:
 @pytest.mark.parametrize(
     ("eye", "taken", "told"),
     [
-        (30, False, None),
+        pytest.param(30, False, None, marks=pytest.mark.study),
         (10, True, r"keep 2 small pieces of eyes, which --tube-radius .* would lose, at a s"),
         (3, False, r"No printable tube draws 2 small pieces .* but at --size [3-5]\d0"),
     ],

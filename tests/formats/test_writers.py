@@ -68,12 +68,8 @@ ALLOWED = {
 
 def find_writers(source: str) -> set[str]:
     """Find the functions of a module (dotted names) that open a file for writing, or may."""
-    return {where for where, call, memory in _calls(ast.parse(source), "") if _opens(call, memory)}
-
-
-def _calls(node: ast.AST, inside: str) -> Iterator[tuple[str, ast.Call, set[str]]]:
-    memory = set()
-    for one in ast.walk(node):
+    tree, memory = ast.parse(source), set()
+    for one in ast.walk(tree):
         if isinstance(one, ast.Assign) and _last_name(one.value) in IN_MEMORY:
             memory |= {ast.unparse(target) for target in one.targets}
         if (
@@ -82,13 +78,15 @@ def _calls(node: ast.AST, inside: str) -> Iterator[tuple[str, ast.Call, set[str]
             and _last_name(one.context_expr) in IN_MEMORY
         ):
             memory.add(ast.unparse(one.optional_vars))
+    return {where for where, call in _calls(tree, "") if _opens(call, memory)}
+
+
+def _calls(node: ast.AST, inside: str) -> Iterator[tuple[str, ast.Call]]:
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.Call):
-            yield inside, child, memory
+            yield inside, child
         named = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
-        name = f"{inside}.{child.name}".strip(".") if named else inside
-        for where, call, more in _calls(child, name):
-            yield where, call, memory | more
+        yield from _calls(child, f"{inside}.{child.name}".strip(".") if named else inside)
 
 
 def _last_name(node: ast.AST) -> str:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from tables import some
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh, sweep
@@ -49,8 +50,16 @@ TWO = Knots((crown(-30, 3), crown(30, 4, y=10)), RADIUS)
 EYES = Knots((*TWO.knots, lying(0, -30), lying(0, 40)), RADIUS)
 
 
-@pytest.mark.parametrize("kind", ["outline", "full"])
-@pytest.mark.parametrize(("knots", "feet"), [(TWO, (3, 4)), (EYES, (3, 4, 1, 1))])
+@pytest.mark.parametrize(
+    ("knots", "feet", "kind"),
+    some(
+        [
+            *((EYES, (3, 4, 1, 1), "outline"), (EYES, (3, 4, 1, 1), "full")),
+            *((TWO, (3, 4), "full"), (TWO, (3, 4), "outline")),
+        ],
+        2,
+    ),
+)
 def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(
     knots: Knots, feet: tuple[int, ...], kind: str
 ) -> None:

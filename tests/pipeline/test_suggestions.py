@@ -166,7 +166,13 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("words", REFUSED)
+# the dearest two, for which others stand: grams of another picture, and what a machine lacks
+DEAR = "cat.png --print --max-grams 25", "heart.png --device cuda"
+
+
+@pytest.mark.parametrize(
+    "words", [pytest.param(w, marks=[pytest.mark.study] * (w in DEAR)) for w in REFUSED]
+)
 def test_what_a_refusal_suggests_does(
     words: str, drawn: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,10 +8,8 @@ from pieces import ring
 from PIL import Image
 
 from knotfab.geometry.tube import sweep
+from knotfab.render import hung_picture
 from knotfab.render.hung_picture import (
-    _DAY_PX,
-    HIGH_PX,
-    WIDE_PX,
     _cast,
     _choose_lamps,
     _frame,
@@ -27,8 +25,11 @@ VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, wall_distance_m
 VERTICES, FACES = sweep(ring(30.0, wave=0.0), 2.0, 12)
 
 
+NEAR_PX = 8  # of a drawing as small as the tests'
+
+
 def grey(image: Image.Image | None) -> np.ndarray:
-    assert image is not None and image.size == (WIDE_PX, HIGH_PX)
+    assert image is not None and image.size == (hung_picture.WIDE_PX, hung_picture.HIGH_PX)
     return np.asarray(image.convert("L")).astype(float)
 
 
@@ -46,7 +47,7 @@ def test_the_wall_is_dark_where_the_lamp_is_hidden_and_light_beside_it(turn: flo
     seen, _ = eye.project(shadow)
     body, _ = eye.project(turned)
     # the wall is seen there
-    away = np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > 25
+    away = np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > NEAR_PX
     assert away.sum() > 200
     mid, out = (eye.project(middle + share * (shadow - middle))[0][away] for share in (1.0, 1.2))
     dark, light = (drawn[tuple(p[:, ::-1].astype(int).T)] for p in (mid, out))
@@ -59,7 +60,7 @@ def test_all_of_piece_and_shadow_lies_in_the_picture() -> None:
     seen, _ = eye.project(
         np.concatenate([VERTICES, _cast(VERTICES, lamps[0].place, lamps[0].wall)])
     )
-    assert (seen > 0).all() and (seen < (WIDE_PX, HIGH_PX)).all()
+    assert (seen > 0).all() and (seen < (hung_picture.WIDE_PX, hung_picture.HIGH_PX)).all()
 
 
 def test_two_walls_make_a_corner_and_a_third_lamp_on_one_wall_mixes_with_it() -> None:
@@ -86,15 +87,15 @@ def test_by_day_no_shadow_lies_on_the_wall() -> None:
     with PartPainter(VERTICES, FACES) as painter:
         drawn = np.asarray(draw_unlit(painter, [VIEW], eyes).convert("L")).astype(float)
         on_paper = draw_unlit(painter, [VIEW.but(kind="eye")], eyes)
-    assert drawn.shape == (_DAY_PX[1], 2 * _DAY_PX[0])
+    assert drawn.shape == (hung_picture._DAY_PX[1], 2 * hung_picture._DAY_PX[0])
     assert on_paper.width == 2 * on_paper.height
     way = (eyes[0] - lamp.middle) / np.linalg.norm(eyes[0] - lamp.middle)
-    eye = _frame(VERTICES, way, [lamp], _DAY_PX)
+    eye = _frame(VERTICES, way, [lamp], hung_picture._DAY_PX)
     shadow = _cast(VERTICES, lamp.place, lamp.wall)
     body, _ = eye.project(VERTICES)
     middle = shadow.mean(axis=0)
     seen, beside = (eye.project(middle + share * (shadow - middle))[0] for share in (1.0, 1.2))
-    apart = np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > 25
+    apart = np.linalg.norm(seen[:, None] - body[None], axis=2).min(axis=1) > NEAR_PX
     dark, light = (drawn[tuple(p[apart][:, ::-1].astype(int).T)] for p in (seen, beside))
     assert apart.sum() > 200
     assert np.median(dark) > 0.95 * np.median(light)

@@ -11,8 +11,11 @@ import pytest
 from pieces import knots, ring
 from reports import report_with, verdict_of
 
+from knotfab.effects.base import Decision
+from knotfab.effects.penumbra import PENUMBRA
 from knotfab.part.assemble import enlarge_knots
 from knotfab.problem import CertificateLog
+from knotfab.report.effects import list_effects, tell_move
 from knotfab.report.report import _study, plan_next_step, print_of, report_of, tell_stages
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
@@ -20,6 +23,7 @@ from knotfab_formats.piece import Material
 from knotfab_formats.report import NextStep, Report
 from knotfab_formats.scene import ResolvedView, Scene
 from knotfab_formats.search import PRESETS, search_settings
+from knotfab_formats.verdict import WorstMove
 
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, picture="picture-front.png")
 
@@ -116,3 +120,45 @@ def test_the_stages_that_took_most_are_named_the_longest_first() -> None:
     said = tell_stages({"picture": 0.1, "search": 4.0, "verify": 5.0, "total": 9.4})
     assert said == "9.4 s: verify 5.0, search 4.0"
     assert tell_stages({"total": 2.0}) == "2.0 s"
+
+
+# What a report says of effects: calls of design and verification together.
+
+
+SOFT = {
+    "widest_px": 9.0, "iou": 0.99, "brightness_error": 0.0, "hard_error": 0.0, "samples": 19,
+}  # fmt: skip
+
+
+def test_an_effects_line_counts_the_design_and_the_verification() -> None:
+    decision = Decision(PENUMBRA, 9.0, 1.0)
+    decision.count("depth", 300, 0.1)
+    result: Any = SimpleNamespace(effects={"penumbra": decision})
+    verdict = verdict_of([{"penumbra": SOFT}, {}], seconds={"penumbra": 1.5})
+    (line,) = list_effects(result, verdict)
+    assert (line.calls, line.seconds) == (319, 1.6)
+    assert line.where == ("depth", "verification")
+    (line,) = list_effects(result, verdict_of())
+    assert (line.calls, line.where) == (300, ("depth",))
+    assert decision.calls == 300
+
+
+def test_an_effect_that_nothing_ran_is_not_called_simulated() -> None:
+    result: Any = SimpleNamespace(effects={"penumbra": Decision(PENUMBRA, 9.0, 1.0)})
+    (line,) = list_effects(result, verdict_of())
+    assert not line.simulated and line.reason.endswith("; nothing ran it")
+    (line,) = list_effects(result, verdict_of([{"penumbra": SOFT}]))
+    assert line.simulated and "nothing" not in line.reason
+
+
+def test_a_move_is_told_in_words() -> None:
+    off: Any = SimpleNamespace(lamp_mm=5.0, turn_deg=1.5)
+
+    def told(of: str, way: str, kind: str = "shadow") -> str:
+        return tell_move(WorstMove(0.9, 0.95, of, way), off, kind)
+
+    assert told("lamp", "up") == "the lamp 5 mm up or down"
+    assert told("lamp", "right", "eye") == "the eye 5 mm to the side"
+    hung = tell_move(WorstMove(0.9, 0.95, "turn", "up"), off, "shadow", 80.0)
+    assert hung == "one thread 2.1 mm nearer the wall than the other"
+    assert told("turn", "axis") == "the piece turned by 1.5° like a wheel"

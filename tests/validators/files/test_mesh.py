@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from validator_parts import circle, tube
 
 from knotfab_validators.check import BadFile
 from knotfab_validators.geometry.mesh import Mesh, enclosed_volume
@@ -199,3 +200,19 @@ def test_a_cloud_of_tiny_triangles_is_read_as_it_is(size_mm: float, tmp_path: Pa
     faces = np.arange(60_000).reshape(-1, 3)
     (tmp_path / "cloud.stl").write_bytes(encode(Body(corners.reshape(-1, 3), faces), "stl"))
     assert len(read_mesh(tmp_path / "cloud.stl").faces) > 19_000
+
+
+# Triangles of STL files, binary and text, are read as they are.
+
+
+@pytest.mark.parametrize("form", ["stl", "stl-text"])
+def test_an_stl_gives_its_triangles_and_joins_equal_corners(tmp_path: Path, form: str) -> None:
+    vertices, faces = tube(circle(30) + 100, 3.0, 8)
+    single = vertices.astype(np.float32).astype(np.float64)
+    (tmp_path / "part.stl").write_bytes(encode(Body(single, faces), form))
+    mesh = read_mesh(tmp_path / "part.stl")
+    np.testing.assert_allclose(
+        mesh.vertices[mesh.faces], single[faces], rtol=0 if form == "stl" else 1e-8
+    )
+    assert len(mesh.vertices) == 30 * 8
+    assert mesh.vertices.dtype == np.float64 and mesh.faces.dtype == np.int64

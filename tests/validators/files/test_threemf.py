@@ -270,7 +270,7 @@ def test_hostile_files_get_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", some(range(4), 2))
+@pytest.mark.parametrize("block", some(range(4), 4))
 def test_fuzzed_files_end_in_a_verdict_or_a_sentence(block: int, tmp_path: Path) -> None:
     # seeds among the 10,000 of make validator-table
     for seed in range(15 * block, 15 * (block + 1)):

@@ -624,7 +624,7 @@ def test_rows_are_counted_before_they_are_looked_through(monkeypatch: pytest.Mon
 @pytest.mark.slow
 def test_slivers_across_the_part_are_met_as_by_brute_force() -> None:
     """A plate whose faces are a fan of slivers, aslant: every axis tested against every face."""
-    n = 90
+    n = 48
     turn = 2 * np.pi * np.arange(n) / n
     rim = np.column_stack([10 * np.cos(turn), 10 * np.sin(turn), np.zeros(n)])
     number, ahead = np.arange(n), np.roll(np.arange(n), -1)

@@ -230,6 +230,7 @@ def test_matter_whose_shadow_misses_the_screen_is_nothing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_lamps_that_switch_mix_nothing(rings: Part, tmp_path: Path) -> None:
     assert rings.scene is not None
     scene = {**rings.scene, "lamps": {"mode": "switch"}}

@@ -9,25 +9,32 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw
-from reports import view_of_report
+from reports import recognition, view_of_report
 from validator_parts import PlainView
 
 from knotfab_formats.piece import Piece
 from knotfab_formats.verdict import Recognition, View
 from knotfab_validators.arrays import Mask
+from knotfab_validators.check import BadFile
+from knotfab_validators.files.picture import Bent
+from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.shadows.compare import overlap
 from knotfab_validators.shadows.frame import padded_mask, working_frame
 from knotfab_validators.shadows.part_view import count_bridged
 from knotfab_validators.shadows.recognition import recognise
 from knotfab_validators.shadows.topology import count_repeated, find_changes
 from knotfab_validators.shadows.verdict_rules import (
+    BENT,
     RULES,
     UNKNOWN,
     WORDS,
     check_recognisable,
+    judge_bending,
     worst_verdict,
 )
 from knotfab_validators.shadows.view import view_geometry
+from tests.corpus import harmed_shadows
+from tests.corpus.harmed_shadows import SIXTY
 
 SIZE = 512  # px of the picture, 180 mm on the wall
 RADIUS_PX = 7.0  # the tube's shadow, in the picture's pixels
@@ -46,12 +53,12 @@ def draw(*discs: tuple[float, float, float], strokes: tuple[tuple[float, ...], .
 
 
 def judge(shadow: Mask, target: Mask, outlined: Mask | None = None, **scene: Any) -> Recognition:
-    frame = working_frame(SIZE, SIZE)
+    frame = working_frame(SIZE, SIZE, SIZE)
     seen, wanted = padded_mask(shadow, frame), padded_mask(target, frame)
     geometry = view_geometry(PlainView(frame_width_mm=180.0), SIZE, SIZE)
     iou = overlap(seen, wanted).iou
     own = None if outlined is None else padded_mask(outlined, frame)
-    return recognise(seen, wanted, iou, 2 * RADIUS_PX, frame, geometry, outlined=own, **scene)
+    return recognise(seen, wanted, iou, RADIUS_PX, frame, geometry, outlined=own, **scene)
 
 
 SMALL, LARGE = (430, 400, 5), (420, 420, 55)
@@ -422,3 +429,66 @@ REQUESTED = {  # keys of [piece], and gaps of three pieces that were to be bridg
 def test_only_what_was_asked_for_is_a_requested_bridge(kind: str) -> None:
     keys, bridges = REQUESTED[kind]
     assert count_bridged(Piece(**keys), draw((420, 420, 30), (430, 100, 30))) == bridges
+
+
+# A person's word on most of a hundred shadows, and never off by two words.
+
+
+@pytest.mark.study
+def test_the_word_is_a_persons() -> None:
+    off = [
+        abs(WORDS.index(harmed_shadows.judge(wanted, shadow)[0]) - WORDS.index(person))
+        for _, person, wanted, shadow in harmed_shadows.harmed()
+    ]
+    assert off[: len(SIXTY)].count(0) >= 56
+    assert off[len(SIXTY) :].count(0) >= 33
+    assert max(off) == 1
+
+
+# The word that a bending allows: it lowers a verdict, never raises one, and says why.
+
+
+SQUARE = np.ones((4, 4), dtype=bool)
+
+
+def bent(rms: float, most: float, stretch: float) -> Bent:
+    return Bent(SQUARE, rms, most, stretch, mirrored=False)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_each_figure_alone_lowers_the_word(number: int) -> None:
+    for word, limits in BENT.items():
+        at = judge_bending(recognition(word="faithful", reasons=[]), bent(*limits))
+        assert at.word == word
+        above = list(limits)
+        above[number] *= 1.01
+        lower = judge_bending(recognition(word="faithful", reasons=[]), bent(*above))
+        assert WORDS.index(lower.word) == WORDS.index(word) + 1
+        assert "picture bent by" in lower.reasons[-1]
+
+
+def test_no_bending_makes_a_verdict_better() -> None:
+    assert judge_bending(recognition(word=UNKNOWN, reasons=[]), bent(0, 0, 1)).word == UNKNOWN
+    assert (
+        judge_bending(recognition(word="coarse", reasons=[]), bent(0.03, 0.1, 2.5)).word == "coarse"
+    )
+    assert (
+        judge_bending(recognition(word="good", reasons=[]), bent(0.01, 0.02, np.inf)).word
+        == UNKNOWN
+    )
+
+
+@pytest.mark.parametrize(
+    ("keys", "why"),
+    [
+        ({"mirrored": 1}, "true or false"),
+        ({"bend_points": "0,0"}, "a list of as many"),
+        ({"bend_points": ["0,0 " * 10 + "0,0"] * 14}, "15 rows of 11 pairs"),
+        ({"bend_points": ["0,0 " * 10 + "0"] * 15}, "15 rows of 11 pairs"),
+        ({"bend_points": ["0,0 " * 10 + "0,nan"] * 15}, "15 rows of 11 pairs"),
+        ({"bend_points": ["0,0 " * 10 + "0,99999"] * 15}, "15 rows of 11 pairs"),
+    ],
+)
+def test_what_no_build_writes_is_refused(keys: dict[str, object], why: str) -> None:
+    with pytest.raises(BadFile, match=why):
+        parse_scene({"views": [keys]})

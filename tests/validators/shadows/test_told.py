@@ -10,6 +10,11 @@ from knotfab_validators.shadows import told
 from knotfab_validators.shadows.told import DOOR, SIDES, tell, tell_flat
 
 
+@pytest.fixture(autouse=True)
+def _look_from_all_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(told, "SIDES", SIDES)
+
+
 def ell(size: int = 60) -> NDArray[np.bool_]:
     found = np.zeros((size, size), dtype=bool)
     found[:, : size // 4] = found[-size // 4 :] = True

@@ -318,7 +318,5 @@ def colour_error(seen: Bytes, wanted: Bytes) -> Array:
     packed = np.concatenate([seen, wanted], axis=1).astype(np.int64) @ weights
     pairs, back = np.unique(packed, return_inverse=True)
     both = (pairs[:, None] // weights % 256).astype(np.uint8)
-    found: Array = deltaE_ciede2000(  # type: ignore[no-untyped-call]
-        to_lab(both[:, :3]), to_lab(both[:, 3:])
-    )
+    found: Array = deltaE_ciede2000(to_lab(both[:, :3]), to_lab(both[:, 3:]))
     return np.asarray(found)[back]
