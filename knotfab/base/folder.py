@@ -35,7 +35,7 @@ _OF_WRITING = (*_FULL, errno.EFBIG, errno.EROFS)  # whatever file a library was 
 _OWN = re.compile(
     r"part(-\d+)?\.(stl|3mf|glb|png|step|gcode)|(piece|unlit)\.png|part-colours(-\d+)?\.3mf|slicer\.ini|plate(-\d+)+\.(3mf|gcode)"
     r"|knots(-\d+)?\.json|scene-\d+\.toml|sequence\.gif|zoetrope\.(stl|3mf)|coupon\.3mf"
-    r"|region\.stl|start\.json|bends(-[\w-]+)?\.\w+|(bending-templates|drill-template)-\w+(-\d+)?\.pdf"
+    r"|region\.stl|start\.json|bends(-[\w-]+)?\.\w+|bending-templates-\w+(-\d+)?\.pdf|drill-template(-\w+)*\.pdf"
     r"|setup(-\d+)?\.(pdf|svg)|table-\d+\.3mf|colours\.png"
     r"|centre-lines(-\d+)?\.(svg|dxf|step)|shadow-[^./\\:\0-\x1f]+\.svg"
     r"|(shadow|compare|soft|drawn|subject)-[^./\\:\0-\x1f]+\.png|(picture|given)-[^./\\:\0-\x1f]+\.\w+"

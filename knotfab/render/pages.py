@@ -1,4 +1,4 @@
-"""Pages for printing at full size: paper formats, overlapping tiles, alignment marks, a ruler."""
+"""Pages for printing at full size: overlapping tiles, alignment marks, a ruler."""
 
 from __future__ import annotations
 
@@ -31,22 +31,10 @@ RULER_MM = 100.0
 _HEAD_MM = 16.0  # room at the foot of each page for the ruler and the page's name
 
 
-@dataclass(frozen=True)
-class Paper:
-    """A page's size and its margin, in mm."""
-
-    name: str
-    width: float
-    height: float
-    margin: float = 10.0
-
-    @property
-    def room(self) -> tuple[float, float]:
-        """The width and height that a drawing may fill, mm."""
-        return self.width - 2 * self.margin, self.height - 2 * self.margin - _HEAD_MM
-
-
-PAPERS = {"a4": Paper("A4", 210.0, 297.0), "letter": Paper("Letter", 215.9, 279.4)}
+PAGE_MM = 210.0, 279.4  # A4's width and Letter's height: it prints at full size on both
+MARGIN_MM = 10.0
+# what a drawing may fill of it
+ROOM_MM = PAGE_MM[0] - 2 * MARGIN_MM, PAGE_MM[1] - 2 * MARGIN_MM - _HEAD_MM
 
 
 @dataclass(frozen=True)
@@ -59,12 +47,12 @@ class Tile:
     bottom: float
 
 
-def lay_tiles(box: Box, paper: Paper) -> list[Tile]:
+def lay_tiles(box: Box) -> list[Tile]:
     """Divide `box` of a drawing (mm) into pages.
 
     Pages overlap by `OVERLAP_MM`, rows run from the top, and the whole is centred.
     """
-    wide, high = paper.room
+    wide, high = ROOM_MM
     left, bottom, right, top = box
 
     def along(low: float, size: float, room: float) -> list[float]:
@@ -137,35 +125,34 @@ def write(axes: Axes, at: Sequence[float] | Array, text: str, **style: Any) -> N
     axes.text(float(at[0]), float(at[1]), text, **style)
 
 
-def make_page(paper: Paper) -> tuple[Figure, Axes]:
-    """Create a figure of exactly the paper's size, with axes in mm from its lower left corner."""
+def make_page() -> tuple[Figure, Axes]:
+    """Create a figure of exactly a page's size, with axes in mm from its lower left corner."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(paper.width / 25.4, paper.height / 25.4))
+    figure = Figure(figsize=(PAGE_MM[0] / 25.4, PAGE_MM[1] / 25.4))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set(xlim=(0, paper.width), ylim=(0, paper.height))
+    axes.set(xlim=(0, PAGE_MM[0]), ylim=(0, PAGE_MM[1]))
     axes.axis("off")
     return figure, axes
 
 
-def draw_ruler(axes: Axes, paper: Paper, before: str) -> None:
+def draw_ruler(axes: Axes, before: str) -> None:
     """Draw a 100 mm ruler at the lower left, to check before doing what the verb `before` says."""
-    x, y = paper.margin, paper.margin + 6
+    x, y = MARGIN_MM, MARGIN_MM + 6
     axes.plot([x, x + RULER_MM], [y, y], color="black", lw=0.5, solid_capstyle="butt")
     for k in range(int(RULER_MM) // 10 + 1):
         axes.plot([x + 10 * k] * 2, [y, y + (3.0 if k % 5 == 0 else 1.5)], color="black", lw=0.4)
     axes.text(x, y - 1.0, f"100 mm: measure it before you {before}", size=6, va="top")
 
 
-def draw_foot(axes: Axes, paper: Paper, page: str, what: str, note: str = "") -> None:
-    """Write the page's name, paper, number and a note at its lower right."""
-    right = paper.width - paper.margin
-    axes.text(right, paper.margin + 10.5, note, size=6, ha="right", va="top")
-    axes.text(right, paper.margin + 7, what, size=7, ha="right", va="top")
-    axes.text(right, paper.margin + 3.5, f"{paper.name}, {page}", size=6, ha="right", va="top")
+def draw_foot(axes: Axes, page: str, what: str, note: str = "") -> None:
+    """Write the page's name, number and a note at its lower right."""
+    for up, size, text in ((10.5, 6, note), (7, 7, what), (3.5, 6, page)):
+        at = PAGE_MM[0] - MARGIN_MM, MARGIN_MM + up
+        write(axes, at, text, size=size, ha="right", va="top")
 
 
-def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]:
+def draw_tile(tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]:
     """Draw the page of one tile: its window, and crosses for aligning neighbours.
 
     Returns:
@@ -173,9 +160,9 @@ def draw_tile(paper: Paper, tile: Tile) -> tuple[Figure, Axes, Array, Rectangle]
     """
     from matplotlib.patches import Rectangle
 
-    figure, axes = make_page(paper)
-    wide, high = paper.room
-    x0, y0 = paper.margin, paper.margin + _HEAD_MM
+    figure, axes = make_page()
+    wide, high = ROOM_MM
+    x0, y0 = MARGIN_MM, MARGIN_MM + _HEAD_MM
     window = Rectangle((x0, y0), wide, high, fill=False, lw=0.2, ec="0.6")
     axes.add_patch(window)
     # marks in the middle of the shared strips stand at the same places of the drawing on both pages

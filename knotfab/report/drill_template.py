@@ -12,9 +12,9 @@ from knotfab.base.arrays import Array
 from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement, placement_of
 from knotfab.render.pages import (
-    PAPERS,
+    MARGIN_MM,
+    PAGE_MM,
     RULER_MM,
-    Paper,
     draw_foot,
     draw_ruler,
     draw_tile,
@@ -38,16 +38,16 @@ FULL_SIZE = "print at 100 %, not fitted to the page"
 def write_drill_template(
     folder: Path, mounted: Mounted, camera: Camera, suffix: str = ""
 ) -> list[str]:
-    """Write drill-template-a4.pdf and drill-template-letter.pdf of a wall mount on dowels.
+    """Write drill-template.pdf of a wall mount on dowels.
 
-    They print at full size and show the frame from the lamp's side, each hole a circle of its
-    drill's diameter with cross hairs, its number and its drill. The same piece gives the same bytes.
+    It prints at full size, on A4 and Letter, and shows the frame from the lamp's side, each hole a circle of
+    its drill's diameter with cross hairs, its number and its drill. The same piece gives the same bytes.
 
     Args:
-        suffix: of the files' names.
+        suffix: of the file's name.
 
     Returns:
-        The names of the files; none for any other mount.
+        The name of the file in a list, which is empty for any other mount.
     """
     if mounted.wall is None or mounted.wall.settings.foot != "dowel":
         return []
@@ -56,26 +56,23 @@ def write_drill_template(
     deep = length(mounted.wall.settings.dowel_depth_mm + SPARE_DEPTH_MM)
     reach = np.abs(place.holes).max(axis=0) + across.max()
     x, y = (float(v) for v in np.maximum(np.array(place.frame_mm) / 2 + 4.0, reach))
-    names = []
-    for key, paper in PAPERS.items():
-        tiles = lay_tiles((-x, -y, x, y), paper)
-        pages: list[Figure] = []
-        said = f"{len(across)} holes, each with the drill beside its number (mm), {deep} mm deep, "
-        said += "square to the wall. Arrow up, dashed line level."
-        if len(tiles) > 1:
-            said += " Lay the crosses of neighbouring pages on each other."
-        for number, tile in enumerate(tiles, start=1):
-            figure, axes, shift, window = draw_tile(paper, tile)
-            _draw_holes(place, across, axes, shift, window)
-            axes.text(paper.margin, paper.margin + 14.5, said, size=6.5, va="top")
-            draw_ruler(axes, paper, "drill")
-            where = f", row {tile.row + 1}, column {tile.column + 1}" if len(tiles) > 1 else ""
-            page = f"page {number} of {len(tiles)}"
-            draw_foot(axes, paper, page, f"drill template{where}", FULL_SIZE)
-            pages.append(figure)
-        names.append(f"drill-template{suffix}-{key}.pdf")
-        write_pages(folder / names[-1], "Drill template at full size", pages)
-    return names
+    tiles = lay_tiles((-x, -y, x, y))
+    pages: list[Figure] = []
+    said = f"{len(across)} holes, each with the drill beside its number (mm), {deep} mm deep, "
+    said += "square to the wall. Arrow up, dashed line level."
+    if len(tiles) > 1:
+        said += " Lay the crosses of neighbouring pages on each other."
+    for number, tile in enumerate(tiles, start=1):
+        figure, axes, shift, window = draw_tile(tile)
+        _draw_holes(place, across, axes, shift, window)
+        axes.text(MARGIN_MM, MARGIN_MM + 14.5, said, size=6.5, va="top")
+        draw_ruler(axes, "drill")
+        where = f", row {tile.row + 1}, column {tile.column + 1}" if len(tiles) > 1 else ""
+        draw_foot(axes, f"page {number} of {len(tiles)}", f"drill template{where}", FULL_SIZE)
+        pages.append(figure)
+    name = f"drill-template{suffix}.pdf"
+    write_pages(folder / name, "Drill template at full size", pages)
+    return [name]
 
 
 def _draw_holes(place: Placement, across: Array, axes: Axes, off: Array, window: Rectangle) -> None:
@@ -127,12 +124,12 @@ def card_middles(frame_mm: tuple[float, float], margin_mm: float) -> Array:
     return np.array([[-off, -off], [w + off, -off], [w + off, h + off], [-off, h + off]])
 
 
-def draw_marks_page(paper: Paper, plate: bool) -> Figure:
+def draw_marks_page(plate: bool) -> Figure:
     """Draw the page with the four cards that are cut out."""
     from matplotlib.patches import Circle, Rectangle
 
-    figure, axes = make_page(paper)
-    left, top = paper.margin + 4, paper.height - paper.margin
+    figure, axes = make_page()
+    left, top = MARGIN_MM + 4, PAGE_MM[1] - MARGIN_MM
     touched = "the plate" if plate else "the frame"
     axes.text(left, top, "Marks for a photograph", size=14, va="top")
     lines = (
@@ -145,8 +142,8 @@ def draw_marks_page(paper: Paper, plate: bool) -> Figure:
         axes.text(left, top - 11 - 5.0 * k, line, size=8, va="top")
     for k, (name, inner) in enumerate(zip(_NAMES, _INNER, strict=True)):
         column, row = (0, 1, 1, 0)[k], (0, 0, 1, 1)[k]
-        x = paper.width / 2 + (column - 0.5) * 70.0
-        y = paper.height / 2 + 30.0 - row * 70.0
+        x = PAGE_MM[0] / 2 + (column - 0.5) * 70.0
+        y = PAGE_MM[1] / 2 + 30.0 - row * 70.0
         axes.add_patch(
             Rectangle(
                 (x - CARD_MM / 2, y - CARD_MM / 2), CARD_MM, CARD_MM, fill=False, lw=0.3, ec="0.6"
@@ -158,6 +155,6 @@ def draw_marks_page(paper: Paper, plate: bool) -> Figure:
         for arm in np.diag(-4.0 * np.array(inner)):
             axes.plot(*np.stack([corner, corner + arm]).T, color="black", lw=1.2)
         axes.text(x, y - CARD_MM / 2 - 2, name, size=8, ha="center", va="top")
-    draw_ruler(axes, paper, "cut")
-    draw_foot(axes, paper, "last page", "marks for a photograph", "print at 100 %, not fitted")
+    draw_ruler(axes, "cut")
+    draw_foot(axes, "last page", "marks for a photograph", "print at 100 %, not fitted")
     return figure

@@ -37,7 +37,7 @@ FILES = (
     (r"part-colours(-\d+)?\.3mf", "the same, its bodies by name and colour"),
     (r"slicer\.ini", "printer, filament and supports for PrusaSlicer"),
     (r"setup(-\d+)?\.pdf", "where piece, wall and lamp stand, with dimensions"),
-    (r"drill-template-\w+(-\d+)?\.pdf", "the holes at full size: print it at 100 %"),
+    (r"drill-template(-\d+)?\.pdf", "the holes at full size: print it at 100 %"),
     (r"piece\.png", "the piece with its shadow: a picture to send"),
     (r"part(-\d+)?\.glb", "for phones and 3D viewers, as it hangs or stands"),
     (r"part(-\d+)?\.stl", "the mesh that was verified, in mm"),

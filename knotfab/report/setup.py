@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from knotfab.hold.lamp_frame import ROD_MM, Table, frame_or_reason
 from knotfab.hold.mount import Mounted
 from knotfab.hold.placement import Placement, placement_of
-from knotfab.render.pages import PAPERS, length, make_page, write_pages
+from knotfab.render.pages import length, make_page, write_pages
 from knotfab.report.drill_template import draw_marks_page
 from knotfab.report.setup_views import draw_from_above, draw_front, draw_side
 from knotfab.report.setup_words import lamp_facts, steps_of, tell_height, tell_lamp
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WORDS = "words"  # the name, in the SVG, of parts beside the drawing that are told with it
-LEFT, TOP = 14.0, 285.0  # of the page's title
+LEFT, TOP = 14.0, 270.0  # of the page's title
 WORDS_X, WORDS_Y, WORDS_WIDE = 118.0, 160.0, 58  # column of words: left, top, characters
 FIGURES = (
     "Lengths in mm, from the middle of the lamp and of the piece. What counts is the figures, "
@@ -33,7 +33,7 @@ FIGURES = (
 def write_setup(
     folder: Path, mounted: Mounted, scene: SettledScene, cameras: Sequence[Camera], suffix: str = ""
 ) -> list[str]:
-    """Write setup.pdf and setup.svg, A4, reproducible to the byte; return their names.
+    """Write setup.pdf and setup.svg, reproducible to the byte; return their names.
 
     With one view that is one page. With several, the first page, which is the SVG, shows all lamps and
     walls from above, and one page for each view follows. The last page of the PDF has the marks for a
@@ -57,7 +57,7 @@ def write_setup(
         table = frame_or_reason(mounted)[0] if scene.share_wall else None
         pages.insert(0, _draw_first_page(mounted, places, scene, table))
     names = [f"setup{suffix}.pdf", f"setup{suffix}.svg"]
-    marks = draw_marks_page(PAPERS["a4"], places[0].plate_mm is not None)
+    marks = draw_marks_page(places[0].plate_mm is not None)
     write_pages(folder / names[0], "Setting up", [*pages, marks])
     settings: Any = {"svg.hashsalt": "knotfab", "path.simplify": False}
     about = {"Date": None, "Creator": "knotfab", "Title": "Setting up"}
@@ -67,7 +67,7 @@ def write_setup(
 
 
 def _draw_view_page(mounted: Mounted, place: Placement, view: View, title: str) -> Figure:
-    figure, axes = make_page(PAPERS["a4"])
+    figure, axes = make_page()
     side = draw_side(axes, mounted, place, view)
     front = draw_front(axes, mounted, place)
     scales = f"Side view {side.name}, front view {front.name}."
@@ -81,7 +81,7 @@ def _draw_first_page(
     mounted: Mounted, places: Sequence[Placement], scene: SettledScene, table: Table | None
 ) -> Figure:
     """Draw the page of several views: all of it from above, and where lamps of one screen stand."""
-    figure, axes = make_page(PAPERS["a4"])
+    figure, axes = make_page()
     views, shared = scene.views, scene.share_wall
     to = draw_from_above(axes, mounted, places, views, table, shared=shared)
     follow = "The pages that follow place one view each."

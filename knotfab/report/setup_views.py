@@ -27,7 +27,7 @@ from knotfab_formats.views import View
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SIDE: Box = (20.0, 196.0, 184.0, 260.0)  # the place on the page of each drawing
+SIDE: Box = (20.0, 196.0, 184.0, 252.0)  # the place on the page of each drawing
 FRONT: Box = (18.0, 56.0, 104.0, 152.0)
 ABOVE: Box = (26.0, 40.0, 184.0, 250.0)
 ABOVE_WORDS: Box = (26.0, 92.0, 184.0, 250.0)  # the same where words stand below it

@@ -51,12 +51,12 @@ def test_files_of_an_earlier_build_that_would_contradict_go(tmp_path: Path) -> N
         "slicer.ini",
     ):
         (tmp_path / name).write_text("old")
-    for name in ("setup.pdf", "setup.svg", "drill-template-a4.pdf", "drill-template-letter.pdf"):
+    for name in ("setup.pdf", "setup.svg", "drill-template.pdf", "drill-template-a4.pdf"):
         (tmp_path / name).write_text("old")
-    for name in ("plate-notes.txt", "setup.txt", "drill-template.pdf"):
+    for name in ("plate-notes.txt", "setup.txt", "drill-template.txt"):
         (tmp_path / name).write_text("user")
     build(tmp_path, report__json="{ }", knots__json="new")
-    users = {"plate-notes.txt", "setup.txt", "drill-template.pdf"}
+    users = {"plate-notes.txt", "setup.txt", "drill-template.txt"}
     assert set(listing(tmp_path)) == {"report.json", "knots.json", *users}
 
 

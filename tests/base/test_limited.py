@@ -54,6 +54,7 @@ def test_what_is_given_and_raised_comes_back() -> None:
             run_limited(work, "it", seconds=5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("work", "said"),
     [

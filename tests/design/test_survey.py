@@ -39,6 +39,7 @@ from knotfab_formats.scene import Scene
 from knotfab_formats.search import search_settings
 from knotfab_formats.views import Reading, View
 
+pytestmark = pytest.mark.slow  # most survey a whole picture
 SIDE = 800
 
 
@@ -128,7 +129,6 @@ def test_what_is_thin_is_lost_at_its_place(tmp_path: Path) -> None:
     assert red[:, middle:].sum() > 200 and not red[:, :middle].any()
 
 
-@pytest.mark.slow
 def test_what_a_build_draws_is_not_marked(tmp_path: Path) -> None:
     """Lines of two thirds of the tube are drawn by it, wider than they are; a thicker tube loses them."""
     found = look(path := lines(tmp_path / "a.png", width=6, body=True))
@@ -172,7 +172,6 @@ def test_a_plate_moves_the_wall_to_the_piece_and_loses_nothing(tmp_path: Path) -
     assert feet.views[0].piece_mm > pegs.views[0].piece_mm
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("width", [pytest.param(3, marks=pytest.mark.study), 4])
 def test_each_remedy_for_thin_lines_works(tmp_path: Path, width: int) -> None:
     path, thick = lines(tmp_path / "thin.png", width=width), Printer(name="prusa-mk4")
@@ -206,7 +205,6 @@ def test_each_remedy_for_thin_lines_works(tmp_path: Path, width: int) -> None:
             require_drawable(look(drawing, asked))
 
 
-@pytest.mark.slow
 def test_several_views_are_surveyed_each_and_frames_by_the_hardest(tmp_path: Path) -> None:
     frames = [read_target(lines(tmp_path / f"{w}.png", width=w, body=True)) for w in (60, 20, 40)]
     found = survey(resolve(Scene()), frames, sequence=True)
@@ -250,7 +248,6 @@ def test_thin_lines_are_drawn_along_their_middle(tmp_path: Path) -> None:
     assert [v.lines for v in widen_targets(resolve(two), (thin, thin))[0].views] == [False, False]
 
 
-@pytest.mark.slow
 def test_lines_too_close_together_are_refused(tmp_path: Path) -> None:
     image = Image.new("L", (SIDE // 2, SIDE // 2), 255)
     draw = ImageDraw.Draw(image)
@@ -276,7 +273,6 @@ def test_several_pictures_are_not_drawn_along_lines(tmp_path: Path) -> None:
         widen_targets(resolve(Scene(views=scene.views[:1])), (target, target), sequence=True)
 
 
-@pytest.mark.slow
 def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
     """It is read shrunk, and its px, those of specks and smoothing too, are those of the picture."""
     large = tmp_path / "large.png"
@@ -311,7 +307,6 @@ def test_a_glance_leaves_thin_strips_as_thick_as_they_are(tmp_path: Path) -> Non
         assert len(read_target(tmp_path / "strip.png", glance=True).mask) == left
 
 
-@pytest.mark.slow
 def test_the_guess_counts_the_holder_and_says_what_it_leaves_out() -> None:
     target = read_target("text:L")
 
@@ -351,7 +346,6 @@ def test_the_guess_adds_up_several_pictures() -> None:
     assert one.hours and two.hours and one.hours < two.hours < 2 * one.hours
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cat", pytest.param("knight", marks=pytest.mark.study)])
 def test_the_radius_is_that_of_the_build(name: str) -> None:
     """Here the search's own choice, made without the preview's memory, places of knots included."""
@@ -366,7 +360,6 @@ def test_the_radius_is_that_of_the_build(name: str) -> None:
     )
 
 
-@pytest.mark.slow
 def test_a_build_to_print_says_and_refuses_what_a_preview_says(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 2, (224, 224)).astype(np.uint8) * 255
     Image.fromarray(noise).save(tmp_path / "noise.png")

@@ -21,6 +21,7 @@ from knotfab.pipeline.prepare import prepare_build, survey_pictures
 from knotfab.request import require_device
 from knotfab_formats.errors import KnotfabError
 
+pytestmark = pytest.mark.slow  # most read and survey pictures twice
 HERE = Path(__file__).parents[2] / "examples"
 Options = dict[str, Any]
 # what is typed after `knotfab build`, and what a person may give to an option that is named without a value

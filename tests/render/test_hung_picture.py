@@ -20,7 +20,10 @@ from knotfab.render.hung_picture import (
 from knotfab.render.part_picture import PartPainter, why_undrawn
 from knotfab_formats.scene import ResolvedView
 
-pytestmark = pytest.mark.skipif(why_undrawn() is not None, reason="OpenGL is missing")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(why_undrawn() is not None, reason="OpenGL is missing"),
+]
 VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, wall_distance_mm=100.0)
 VERTICES, FACES = sweep(ring(30.0, wave=0.0), 2.0, 12)
 

@@ -13,7 +13,8 @@ from pieces import ring
 from knotfab.geometry.tube import as_manifold, sweep
 from knotfab.render.pages import (
     OVERLAP_MM,
-    PAPERS,
+    PAGE_MM,
+    ROOM_MM,
     Tile,
     draw_dimension,
     draw_ruler,
@@ -28,14 +29,12 @@ from knotfab.render.pages import (
 )
 
 
-@pytest.mark.parametrize("name", ["a4", "letter"])
-def test_tiles_cover_and_overlap(name: str) -> None:
-    paper = PAPERS[name]
-    wide, high = paper.room
-    assert len(lay_tiles((0, 0, wide, high), paper)) == 1
-    assert len(lay_tiles((0, 0, wide + 0.01, high), paper)) == 2
-    assert len(lay_tiles((0, 0, wide, high + 0.01), paper)) == 2
-    tiles = lay_tiles((-5, 7, 500, 607), paper)
+def test_tiles_cover_and_overlap() -> None:
+    wide, high = ROOM_MM
+    assert len(lay_tiles((0, 0, wide, high))) == 1
+    assert len(lay_tiles((0, 0, wide + 0.01, high))) == 2
+    assert len(lay_tiles((0, 0, wide, high + 0.01))) == 2
+    tiles = lay_tiles((-5, 7, 500, 607))
     assert len(tiles) == 9
     assert [(t.row, t.column) for t in tiles[:4]] == [(0, 0), (0, 1), (0, 2), (1, 0)]
     left = sorted({t.left for t in tiles})
@@ -47,11 +46,10 @@ def test_tiles_cover_and_overlap(name: str) -> None:
 
 
 def test_crosses_of_neighbours_are_the_same_places() -> None:
-    paper = PAPERS["a4"]
-    first, second = lay_tiles((0, 0, paper.room[0] + 50, 100), paper)
+    first, second = lay_tiles((0, 0, ROOM_MM[0] + 50, 100))
 
     def crosses(tile: Tile) -> set[tuple[float, float]]:
-        _, axes, shift, _ = draw_tile(paper, tile)
+        _, axes, shift, _ = draw_tile(tile)
         found = set()
         for line in axes.lines:
             x, y = (np.asarray(v, dtype=float) for v in line.get_data())
@@ -63,24 +61,22 @@ def test_crosses_of_neighbours_are_the_same_places() -> None:
     assert len(crosses(first)) == 4 and len(shared) == 2
 
 
-@pytest.mark.parametrize(("name", "size"), [("a4", (210, 297)), ("letter", (215.9, 279.4))])
-def test_pages_are_of_the_papers_size_and_the_same_bytes_again(
-    tmp_path: Path, name: str, size: tuple[float, float]
-) -> None:
+def test_pages_print_whole_on_a4_and_letter_and_are_the_same_bytes_again(tmp_path: Path) -> None:
     for path in (tmp_path / "a", tmp_path / "b"):
-        figure, axes = make_page(PAPERS[name])
-        draw_ruler(axes, PAPERS[name], "drill")
+        figure, axes = make_page()
+        draw_ruler(axes, "drill")
         write_pages(path, "title", [figure])
     data = (tmp_path / "a").read_bytes()
     assert data == (tmp_path / "b").read_bytes() and b"CreationDate" not in data
-    assert page_sizes(tmp_path / "a") == pytest.approx(np.array([size]), abs=0.005)
+    assert page_sizes(tmp_path / "a") == pytest.approx(np.array([PAGE_MM]), abs=0.005)
+    assert (np.array(PAGE_MM) <= ((210.0, 297.0), (215.9, 279.4))).all()
     lines = np.concatenate([segments(text) for text in page_contents(tmp_path / "a")])
     long = np.linalg.norm(lines[:, 2:] - lines[:, :2], axis=1)
     assert (np.abs(long - 100) < 1e-3).any()  # the ruler
 
 
 def test_letters_no_font_has_are_told_by_number(tmp_path: Path) -> None:
-    page, axes = make_page(PAPERS["a4"])
+    page, axes = make_page()
     write(axes, (10, 20), "пёс ♞")
     write(axes, (10, 10), "\U0010fffd\U0010fffe, ℵ and a")
     with warnings.catch_warnings():
@@ -116,7 +112,7 @@ def test_the_largest_usual_scale_that_fits(size: float, ratio: float) -> None:
 
 @pytest.mark.parametrize("turn", range(0, 360, 30))
 def test_text_of_a_dimension_can_be_read(turn: int) -> None:
-    _, axes = make_page(PAPERS["a4"])
+    _, axes = make_page()
     start = np.array([100.0, 150.0])
     end = start + 40 * np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
     draw_dimension(axes, start, end, (0, 0), "40")

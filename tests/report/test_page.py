@@ -387,7 +387,7 @@ def test_sections_of_fabrication_stand_where_they_apply() -> None:
 
 
 def test_the_mounts_figures_and_drawings() -> None:
-    drawings = ["setup.pdf", "setup.svg", "drill-template-a4.pdf"]
+    drawings = ["setup.pdf", "setup.svg", "drill-template.pdf"]
     text = fabrication_page(print={"mount": WALL, "drawings": drawings}).text
     for part in ("in drilled holes", "55.9 to 127", "0.17", "limit 0.2", ", ".join(drawings)):
         assert part in text

@@ -24,7 +24,6 @@ from knotfab.apps.compare.rectify import find_lamp, find_marks, homography, map_
 from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knot, Knots
 from knotfab.part.write import make_pose
-from knotfab.render.pages import PAPERS
 from knotfab.report.drill_template import card_middles, draw_marks_page
 from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.load import dump_scene, load_scene
@@ -287,7 +286,7 @@ def test_marks_are_told_from_what_is_like_them() -> None:
 
 @pytest.mark.slow
 def test_the_printed_marks_are_those_that_are_looked_for() -> None:
-    figure = draw_marks_page(PAPERS["a4"], plate=False)
+    figure = draw_marks_page(plate=False)
     file = io.BytesIO()
     figure.savefig(file, dpi=100)
     marks = find_marks(np.asarray(Image.open(file).convert("L")) / 255)

@@ -60,6 +60,7 @@ from knotfab_validators.shadows.verify_view import verify_view
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.tube.tube_fit import check_cut, check_tube
 
+pytestmark = pytest.mark.slow  # most measure a whole part
 TALL = {"arches": 4, "height": 75.0, "flank_deg": 80.5}
 CUT = 0.5 * 1.66
 RISEN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y up
@@ -621,7 +622,6 @@ def test_rows_are_counted_before_they_are_looked_through(monkeypatch: pytest.Mon
     assert columns(fibres).cell > 0.5 and max(counted) <= 10_000
 
 
-@pytest.mark.slow
 def test_slivers_across_the_part_are_met_as_by_brute_force() -> None:
     """A plate whose faces are a fan of slivers, aslant: every axis tested against every face."""
     n = 48
