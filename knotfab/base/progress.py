@@ -193,17 +193,6 @@ class Progress:
                 self._draw(self._stages[-1][0])
             _log.info("%s: %.2f s", name, seconds)
 
-    @contextmanager
-    def line(self, name: str) -> Iterator[None]:
-        """Show a separate progress line for one of several parallel tasks; callable from any thread."""
-        bar = self._bar
-        line = None if bar is None else bar.add_task(name, total=None, iou="")
-        try:
-            yield
-        finally:
-            if bar is not None and line is not None:
-                bar.remove_task(line)
-
     def update(self, fraction: float, iou: float | None = None, even: bool = True) -> None:
         """Report how far the running stage is (0 to 1), and the IoU reached.
 

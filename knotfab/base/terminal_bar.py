@@ -13,23 +13,13 @@ def make_bar(
     stream: TextIO, remaining: Callable[[], str], picture: Callable[[], str]
 ) -> rich.progress.Progress:
     from rich.console import Console, RenderableType
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        ProgressColumn,
-        SpinnerColumn,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-    )
+    from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
     from rich.text import Text
 
     class Remaining(ProgressColumn):
         max_refresh = 0.5
 
         def render(self, task: Task) -> Text:
-            if task.total is None:  # several things run side by side
-                return TimeElapsedColumn().render(task)
             return Text(remaining(), style="progress.remaining")
 
     class Below(Progress):

@@ -210,20 +210,6 @@ def test_what_takes_longer_than_usual_says_so(monkeypatch: pytest.MonkeyPatch) -
     assert seen[0]["left_s"] == pytest.approx(1.0)
 
 
-def test_a_line_for_each_of_several_things_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TERM", "xterm-256color")
-    stream = Terminal()
-    with Progress("auto", stream) as progress, progress.stage("pictures"):
-        assert progress._bar is not None
-        with progress.line("cat"), progress.line("dog"):
-            assert [t.description for t in progress._bar.tasks] == ["pictures", "cat", "dog"]
-            progress._bar.refresh()
-        assert [t.description for t in progress._bar.tasks] == ["pictures"]
-    assert "cat" in stream.getvalue() and "dog" in stream.getvalue()
-    with Progress("quiet", stream).line("cat"):
-        pass
-
-
 @pytest.mark.parametrize("mode", ["auto", "quiet", "verbose"])
 def test_every_mode_logs_its_stages(mode: Mode, caplog: pytest.LogCaptureFixture) -> None:
     """A library's caller reads the stages after logging.basicConfig(level=logging.INFO)."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import time
-import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -27,7 +26,7 @@ from knotfab.apps.batch.worker import (
 from knotfab.base.disk import at_home, locked, temporary_folder, write_whole
 from knotfab.base.errors import MachineError, why_of
 from knotfab.base.moves import REJECTED, mend
-from knotfab.base.pool import JOB_GB, count_jobs
+from knotfab.base.pool import count_jobs
 from knotfab.base.progress import Progress
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.report.page import make_environment
@@ -36,7 +35,6 @@ from knotfab_formats.errors import InputError, spelled
 POOR = ("coarse", "not recognisable")  # words of a verdict that no green "passed" may hide
 RECORDS, INDEX = "batch.json", "index.html"  # files beside the folders of the pictures
 _HERE = "127.0.0.1:0"  # where a cluster of this machine's own tells how it is: no other can ask
-_MEMORY = "MEMORY"  # with --resources MEMORY=8e9 a worker gets as many builds as fit into that
 _PATIENCE_S = 10  # for a scheduler to answer
 
 
@@ -102,7 +100,7 @@ def batch(
         written, seconds = _write(folder, tasks, records), list[float]()
         try:
             with progress.stage("pictures"):
-                for task, record in _build_all(client, missing, folder, progress, cluster is None):
+                for task, record in _build_all(client, missing, folder, cluster is None):
                     records[task.name] = record
                     seconds.append(record["seconds"])
                     left = -(-(len(missing) - len(seconds)) // sum(client.nthreads().values()))
@@ -152,7 +150,7 @@ def _open_client(address: str | None, jobs: int) -> Iterator[Any]:
 
 
 def _build_all(
-    client: Any, tasks: Sequence[Task], folder: Path, progress: Progress, here: bool
+    client: Any, tasks: Sequence[Task], folder: Path, here: bool
 ) -> Iterator[tuple[Task, Record]]:
     """Build tasks on the client's workers, and yield each with its record as it ends.
 
@@ -163,29 +161,11 @@ def _build_all(
         return
     from distributed import as_completed
 
-    workers = client.scheduler_info(n_workers=-1)["workers"].values()
-    share = max(1, count_jobs() // sum(w["nthreads"] for w in workers)) if here else 1
-    tagged = bool(workers) and all(_MEMORY in w["resources"] for w in workers)
-    resources = {_MEMORY: JOB_GB * 1e9} if tagged else None
-    lines: dict[str, ExitStack] = {}
-
-    def begun(event: tuple[Any, str]) -> None:
-        lines.setdefault(event[1], ExitStack()).enter_context(progress.line(event[1]))
-
-    topic = f"knotfab-{uuid.uuid4().hex}"
-    client.subscribe_topic(topic, begun)
+    share = max(1, count_jobs() // sum(client.nthreads().values())) if here else 1
     place = folder.absolute()
     futures = {
-        client.submit(  # again if the worker is lost
-            build_on_worker,
-            task,
-            place / task.name,
-            share,
-            topic,
-            pure=False,
-            retries=3,
-            resources=resources,
-        ): task
+        # again if the worker is lost
+        client.submit(build_on_worker, task, place / task.name, share, pure=False, retries=3): task
         for task in tasks
     }
     try:
@@ -196,7 +176,6 @@ def _build_all(
             except Exception as error:  # the other tasks go on in any case
                 said = f"its worker was lost ({type(error).__name__}: {error})"
                 record = record_of(task, MachineError.exit_code, 0.0, said)
-            lines.pop(task.name, ExitStack()).close()
             yield task, record
             del futures[future]
     finally:

@@ -50,17 +50,15 @@ class Task:
     key: str
 
 
-def build_on_worker(task: Task, folder: Path, share: int, topic: str) -> Record:
+def build_on_worker(task: Task, folder: Path, share: int) -> Record:
     """Build a task in a process of this Dask worker's, and end it if nobody waits for the result any more.
 
     Args:
         share: how many processes the build may run in parallel.
-        topic: where the worker says that it begins.
     """
     from distributed import get_worker
 
     worker = get_worker()
-    worker.log_event(topic, task.name)
     key = worker.get_current_task()
     try:
         pool = _idle.pop()

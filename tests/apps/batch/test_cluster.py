@@ -98,15 +98,10 @@ def test_a_worker_that_is_killed_loses_no_picture(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_client_ends_its_builds_and_goes_on_later(tmp_path: Path) -> None:
-    """The worker has memory for one build at a time."""
     pictures = draw(tmp_path / "pictures", a="pass", b="wait", c="wait")
     out = tmp_path / "out"
     options = BuildOptions(out=out, quiet=True)
-    memory = {"MEMORY": 3e9}
-    with play_cluster(tmp_path, n_workers=1, threads_per_worker=2, resources=memory) as (
-        cluster,
-        runs,
-    ):
+    with play_cluster(tmp_path, n_workers=1, threads_per_worker=1) as (cluster, runs):
 
         def waits() -> set[str]:
             return set(count(runs)) & {"b", "c"}
