@@ -24,6 +24,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from benchmarks.measurement import (
+    Stopwatch,
     build_apart,
     failed_checks,
     make_folder,
@@ -31,9 +32,11 @@ from benchmarks.measurement import (
     read_report,
     run_study,
 )
+from benchmarks.on_paper import draw_photographs
 from benchmarks.small_pictures import line_pictures, small_pictures
 from examples.lamps.draw import PICTURES as COLOURED
 from examples.pictures import pictures
+from knotfab.picture.source import TEXT_PREFIX
 
 Report = Mapping[str, Any]
 Row = dict[str, float | str]
@@ -108,10 +111,14 @@ COLUMNS: dict[str, Callable[[Report], float | str]] = {
     "moved": lambda r: r["colours"]["misregistration"]["share"],
     "delta_e": lambda r: r["colours"]["delta_e"],
     "failed": lambda r: " ".join(failed_checks(r)) or "-",
+    "warned": lambda r: float(any("preview" in told for told in r.get("warnings") or ())),
 }
 """What is read from report.json, by the column's name."""
-# columns that come from the build's process, and from that of a preview
-PROCESS = ("code", "cpu_s", "wall_s", "peak_mb", "guessed_g", "guessed_h")
+# columns that come from the build's process, and from that of a preview: its seconds and what it promises
+PROMISES = ("preview_s", "said_holder", "said_mm", "said_g", "said_h", "g_off", "h_off", "same")
+PROCESS = ("code", "cpu_s", "wall_s", "peak_mb", *PROMISES)
+_SAME = 0.05  # relative difference of radii that nobody sees
+_NEAR = 0.12  # a promise of grams or hours that is off by so much is kept
 
 
 def draw_sets(seed: int = 39) -> dict[int, list[str]]:
@@ -146,6 +153,15 @@ SMALL = (
     "crown+face",
 )
 KNOTS = ("3_1", "left 3_1", "4_1", "5_1", "5_2", "6_1", "6_2", "6_3", "7_1", "7_4", "8_18", "8_19")
+
+
+# words, and photographs of drawings on paper, of which previews are known to promise less well
+WORDS = ("LOVE", "Hello", "42", "Anna", "Yes!", "&")
+ON_PAPER = ("felt-tip, falling light, cloud", "print, lined, leaf", "wash, phone, pear")
+
+
+def _promised() -> list[str]:
+    return [*pictures(), *(TEXT_PREFIX + word for word in WORDS), *ON_PAPER]
 
 
 def _several() -> list[str]:
@@ -192,8 +208,23 @@ TABLES = {
         },
         options=_UNSLICED,
     ),
+    "promises": Table(
+        (
+            "code",
+            "holder",
+            "said_holder",
+            "radius_mm",
+            "said_mm",
+            "grams",
+            "said_g",
+            "g_off",
+            "hours",
+        )
+        + ("said_h", "h_off", "told", "preview_s", "same", "warned"),
+        names=_promised,
+    ),
     "supports": Table(
-        ("code", "cpu_s", "holder", "grams", "support_g", "hours", "guessed_g", "guessed_h")
+        ("code", "cpu_s", "holder", "grams", "support_g", "hours", "said_g", "said_h")
         + ("told", "door", "bars", "specks", "word", "iou", "failed")
     ),
     "knots": Table(
@@ -223,28 +254,21 @@ def draw_picture(name: str) -> Image.Image:
     """
     if name in COLOURED:
         return COLOURED[name]()
+    if "," in name:
+        return next(drawn for named, drawn, _ in draw_photographs(name) if named == name)
     drawn = pictures()
     return drawn[name] if name in drawn else (small_pictures() | line_pictures([name]))[name]
 
 
 def build_row(
-    name: str,
-    setting: str,
-    options: tuple[str, ...],
-    folder: Path,
-    checkout: Path | None = None,
-    guessed: bool = False,
+    name: str, setting: str, options: tuple[str, ...], folder: Path, checkout: Path | None = None
 ) -> tuple[Row, Path]:
     """Build a picture, or several joined by +, unless that is done: what it took, and its files' folder."""
     folder = folder.resolve()
     place = folder / f"{name}-{setting}".replace(" ", "-")
     kept = place.with_name(f"{place.name}.json")
     if not kept.is_file():
-        files = []
-        for one in name.removesuffix(_EYE).split("+"):
-            files.append(str(folder / f"{one}.png"))
-            if not Path(files[-1]).is_file():
-                draw_picture(one).save(files[-1])
+        files = write_pictures(name, folder)
         if name.endswith(_EYE):
             scene = folder / "by-eye.toml"
             views = (
@@ -257,22 +281,51 @@ def build_row(
         built = build_apart(files[0], place, *more, printing=False, checkout=checkout)
         took = {"code": built.code, "cpu_s": built.cpu_s, "wall_s": built.wall_s}
         said = " ".join(built.said.split())[:300]
-        guess = guess_print(files, options) if guessed else {}
-        kept.write_text(json.dumps({**took, "peak_mb": built.peak_mb, "said": said, **guess}))
+        kept.write_text(json.dumps({**took, "peak_mb": built.peak_mb, "said": said}))
     row: Row = json.loads(kept.read_text())
     return row, place if row["code"] == 0 else place / "rejected"
 
 
-def guess_print(files: list[str], options: tuple[str, ...]) -> Row:
-    """Return the grams and hours that a preview tells of a build; none where it refuses."""
-    asked = [word for word in options if word not in ("--print", "--skip", "slicer")]
+def write_pictures(name: str, folder: Path) -> list[str]:
+    """Write the pictures of a row unless they are there, and return their files; a text is its own."""
+    files = []
+    for one in name.removesuffix(_EYE).split("+"):
+        path = folder / f"{one}.png"
+        if not one.startswith(TEXT_PREFIX) and not path.is_file():
+            draw_picture(one).save(path)
+        files.append(one if one.startswith(TEXT_PREFIX) else str(path))
+    return files
+
+
+def ask_preview(files: list[str], options: tuple[str, ...]) -> Row:
+    """Return what a preview promises of a build, and its CPU seconds; no promise where it refuses."""
+    asked = [word for word in options if word not in _UNSLICED]
     with TemporaryDirectory() as place:
         call = [sys.executable, "-m", "knotfab", "preview", *files, *asked, "--json"]
+        watch = Stopwatch()
         done = run([*call, "--out", f"{place}/out.png"], capture_output=True, text=True)
+        row: Row = {"preview_s": watch.children_s}
     if done.returncode:
+        return row
+    told = json.loads(done.stdout)
+    row |= {"said_holder": told["holder"], "said_mm": told["tube_radius_mm"]}
+    return row | {"said_g": told["guess"]["mass_g"], "said_h": told["guess"]["hours"]}
+
+
+def compare_promise(promise: Row, report: Report | None) -> Row:
+    """Return by how much grams and hours are off, and whether all that was promised is what came."""
+    if report is None or "said_g" not in promise:
         return {}
-    guess = json.loads(done.stdout)["guess"]
-    return {"guessed_g": guess["mass_g"], "guessed_h": guess["hours"]}
+    came = read_row(("grams", "hours", "radius_mm"), {}, report)
+    pairs = (
+        ("g_off", "said_g", "grams"),
+        ("h_off", "said_h", "hours"),
+        ("", "said_mm", "radius_mm"),
+    )
+    off = {k: float(promise[said]) / float(came[had]) - 1 for k, said, had in pairs if had in came}
+    plate = (report["print"].get("mount") or {}).get("plate") or "none"
+    same = plate in str(promise["said_holder"]) and abs(off.pop("", 0.0)) < _SAME
+    return {**off, "same": float(same and all(abs(one) <= _NEAR for one in off.values()))}
 
 
 def read_row(columns: tuple[str, ...], row: Row, report: Report | None) -> Row:
@@ -377,10 +430,12 @@ def main(
     for name in names or asked.names():
         for key, options in chosen.items():
             checkout = before if key == _BEFORE else None
-            guessed = checkout is None and "guessed_g" in asked.columns
             how = (*asked.options, *options, *more)
-            row, place = build_row(name, key, how, folder, checkout, guessed)
+            row, place = build_row(name, key, how, folder, checkout)
             report = read_report(place)
+            if checkout is None and not {*PROMISES}.isdisjoint(asked.columns):
+                promise = ask_preview(write_pictures(name, folder), how)
+                row = {**row, **promise, **compare_promise(promise, report)}
             found = read_row(asked.columns, row, report)
             rows[key][name] = found
             made[name if len(chosen) == 1 else f"{name}, {key}"] = place

@@ -21,6 +21,17 @@ _FIRST_SHARE = 0.5  # share of a time budget for a build that may have to be rep
 
 
 @dataclass(frozen=True)
+class Promise:
+    """What a preview tells of a piece; no hours but of filament. It counts on strands of this length."""
+
+    radius_mm: float
+    holder: str
+    grams: float
+    hours: float | None
+    length_mm: float
+
+
+@dataclass(frozen=True)
 class Request:
     """The scene as a person wrote it, its pictures, and how to build it.
 
@@ -43,7 +54,7 @@ class Request:
     sequence: bool = False  # the pictures are frames of one moving knot
     targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # lines of the preview, before the build
-    previewed_radius_mm: float | None = None  # the tube that they tell, if they tell one
+    promise: Promise | None = None  # what they tell, if a search does not decide it
     otherwise: ResolvedScene | None = None
     why_supported: str = ""
 

@@ -21,6 +21,11 @@ USUAL_LAYERS = 3  # that PrusaSlicer prints solid at a top and a bottom
 # what it fills of its own accord: sections smaller than these mm²; profiles before 2.0 left it so
 USUAL_FILLED_MM2 = 70.0
 BRIM_MM = 3.0
+FIRST_MM_S, TOP_MM_S, SOLID_MM_S = (
+    20,
+    40,
+    60,
+)  # speeds of a first layer, a top one, and those between
 RETRACT_MM, LIFT_MM = 0.8, 0.2  # filament drawn back, and the nozzle's lift, before a travel
 SUPPORT_LINE_NOZZLES = 0.9
 SPACING_MM = 4.0  # between the lines of supports
@@ -73,7 +78,7 @@ def plan_walls(printer: Printer, tube_radius_mm: float | None) -> Walls:
     """
     outer, layer = line_width_mm(printer.nozzle_mm), printer.layer_height_mm
     wall = WALL_SHARE * (tube_radius_mm or printer.min_tube_radius_mm)
-    overlap = _overlap_mm(layer)
+    overlap = overlap_mm(layer)
     widest = max(MOST_WIDTH_NOZZLES * printer.nozzle_mm, outer)
     loops = 1 + max(1, ceil((wall - outer) / (widest - overlap) - 1e-9))
     width = max(outer, round((wall - outer) / (loops - 1) + overlap, 3))
@@ -99,7 +104,7 @@ def count_full_loops(printer: Printer, tube_radius_mm: float | None) -> int:
     return max(2, ceil(radius / line_width_mm(printer.nozzle_mm)) + 1)
 
 
-def _overlap_mm(layer_mm: float) -> float:
+def overlap_mm(layer_mm: float) -> float:
     """Return by how much PrusaSlicer lets lines overlap, for their sides are round."""
     return layer_mm * (1 - pi / 4)
 
@@ -115,7 +120,7 @@ def written_wall_mm(settings: Mapping[str, str]) -> float:
             return inf
         outer, loops = float(settings["extrusion_width"]), int(settings["perimeters"])
         inner = float(settings.get("perimeter_extrusion_width", outer))
-        overlap = _overlap_mm(float(settings["layer_height"]))
+        overlap = overlap_mm(float(settings["layer_height"]))
     except KeyError as error:
         raise ValueError(f"{error} is missing") from error
     return outer + (loops - 1) * (inner - overlap) if loops > 0 else 0.0
@@ -219,12 +224,12 @@ def imply_settings(
         "external_perimeter_speed": 40,
         "small_perimeter_speed": 40,
         "infill_speed": 80,
-        "solid_infill_speed": 60,
-        "top_solid_infill_speed": 40,
+        "solid_infill_speed": SOLID_MM_S,
+        "top_solid_infill_speed": TOP_MM_S,
         "support_material_speed": 60,
         "gap_fill_speed": 30,
         "bridge_speed": 30,
-        "first_layer_speed": 20,
+        "first_layer_speed": FIRST_MM_S,
         "travel_speed": 150,
         "machine_limits_usage": "time_estimate_only",
         "silent_mode": 0,

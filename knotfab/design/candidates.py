@@ -18,7 +18,15 @@ from knotfab.geometry.polylines import arc_lengths
 from knotfab.picture.opening import thickest_radius
 from knotfab_formats.piece import Printer
 from knotfab_formats.scene import ResolvedScene, ResolvedView
-from knotfab_formats.slicer_ini import core_of, plan_walls
+from knotfab_formats.slicer_ini import (
+    FIRST_MM_S,
+    SOLID_MM_S,
+    TOP_MM_S,
+    core_of,
+    line_width_mm,
+    overlap_mm,
+    plan_walls,
+)
 from knotfab_formats.views import View
 
 if TYPE_CHECKING:
@@ -172,8 +180,7 @@ ROOM = 0.02
 _CORE_FILLED = 0.05
 # printing time of a flank in layers of .2 mm: s a mm of tube and of its loops' radii, and a mm of tube for
 # what else a leg takes in a layer, the way to it and back included
-_LOOPS_S, _LEG_S, _LAYER_MM = 1.1, 1.24, 0.2
-_HOURS_PLATE = 0.06  # of a plate, h/cm³
+_LOOPS_S, _LEG_S, _LAYER_MM = 0.92, 1.66, 0.2
 _HOURS_AROUND = 0.007  # of the room between the strands, which supports fill in part, h/cm³
 
 
@@ -182,13 +189,14 @@ class Guess:
     """A guess of the part's mass and of the printing time, None for other processes.
 
     Both include supports, unless the strands stand `alone`. `without` names what the guess leaves
-    out because it is planned with the knots: a stand or an eyelet.
+    out because it is planned with the knots: a stand or an eyelet. The strands are `length_mm` long.
     """
 
     mass_g: float
     hours: float | None
     without: str = ""
     alone: bool = False
+    length_mm: float = 0.0
 
 
 def guess_print(
@@ -229,15 +237,15 @@ def guess_print(
         without = "its holder" if scene.piece.printed else "the holder that --print adds"
     per_mm3 = 1e-3 * scene.material.density_g_cm3
     if scene.material.process != "filament":
-        return Guess(float((tube + plate) * per_mm3), None, without)
+        return Guess(float((tube + plate) * per_mm3), None, without, length_mm=float(length))
     room = 2.0 * view.reach_mm
     depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
     around = 0.0 if alone else 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
     supports = 0.0 if alone else ROOM * max(size_mm) ** 2 * depth
     hours = hours_of_tube(tube, radius_mm, scene.printer) / (1.0 if alone else PER_GRAM)
-    hours += hours_of_plate(plate) + _HOURS_AROUND * around
+    hours += hours_of_plate(plate, scene.mount.thickness_mm, scene.printer) + _HOURS_AROUND * around
     laid = share_laid(scene.printer, radius_mm) * tube + plate + supports
-    return Guess(float(laid * per_mm3), float(hours), without, alone)
+    return Guess(float(laid * per_mm3), float(hours), without, alone, float(length))
 
 
 # One price for all that a choice costs, in hours of printing (docs/prints.md).
@@ -268,6 +276,9 @@ def hours_of_tube(volume_mm3: float, radius_mm: float, printer: Printer) -> floa
     return float(length * each * _LAYER_MM / printer.layer_height_mm / 3600)
 
 
-def hours_of_plate(volume_mm3: float) -> float:
-    """Guess how long a plate takes to print."""
-    return 1e-3 * volume_mm3 * _HOURS_PLATE
+def hours_of_plate(volume_mm3: float, thickness_mm: float, printer: Printer) -> float:
+    """Guess how long a plate takes to print: its lines at the speeds of the first, the last, other layers."""
+    layer = printer.layer_height_mm
+    between = max(thickness_mm / layer - 2.0, 0.0)
+    along = volume_mm3 / thickness_mm / (line_width_mm(printer.nozzle_mm) - overlap_mm(layer))
+    return along * (1 / FIRST_MM_S + between / SOLID_MM_S + 1 / TOP_MM_S) / 3600

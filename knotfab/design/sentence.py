@@ -19,6 +19,7 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 _SMALL = 0.6  # share of a picture's sides below which its drawing is offered alone
 _LONG_H = 48.0  # a print that takes longer is offered a smaller size
 _PLATES = {"roots": "in roots", "outline": "in a plate of its outline"}
+OPEN_HOLDER = "on the holder that costs least"
 _MOUNTS = {"wall": "on pegs", "stand": "on a stand", "hang": "on threads", "none": "with no holder"}
 
 
@@ -189,7 +190,7 @@ def hold_of(scene: ResolvedScene) -> str:
     if mount.kind != "auto" or not scene.piece.printed:
         return _MOUNTS.get(mount.kind, "")
     alone = scene.piece.supports == "none"
-    return _MOUNTS["none"] if alone else "on the holder that costs least"
+    return _MOUNTS["none"] if alone else OPEN_HOLDER
 
 
 def with_noun(number: int, noun: str) -> str:

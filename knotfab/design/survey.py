@@ -39,14 +39,16 @@ from knotfab.picture.read import Target
 from knotfab.picture.silhouette import holes_of, opened_share, pieces_of, trace_polygon
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
+from knotfab.start.lift import refuse_doubled
 from knotfab.start.start import make_template
 from knotfab_formats.piece import Mount, Piece
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
-_GUESSED = 1.12  # over a limit, by as much as guesses are off
+GUESSED = 1.12  # over a limit, by as much as guesses are off
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
-_ROOTS = 0.09  # area of roots over the square of the picture's longer side, as built: .08 to .10
+_ROOTS = 0.12  # area of roots over the square of the picture's longer side, as built: .105 to .155
+_BESIDE_MM = 6.5  # beside the picture, of a rounded plate: about feet at its edge
 _SPARE = 0.3  # tolerance of a simplified outline, px
 _BLOBS = 0.3  # share of strokes that run together, above which they are no drawing
 # tube radii that outlines may go from frame to frame: farther none is tried, and as far as this most succeed
@@ -147,6 +149,8 @@ def survey(
     if choose and refusal is None:
         try:
             question, radius, template, small = _choose_tube(scene, targets)
+            if template is not None and template.passes and scene.piece.supports == "none":
+                refusal = refuse_doubled()
             # a plate for feet moves the wall to the piece, and so frames it larger
             views = tuple(
                 _add_losses(
@@ -292,7 +296,7 @@ def _outline_mm2(seen: ViewSurvey, mount: Mount) -> float:
         area = float(seen.polygon.area) * seen.wall_mm_per_px**2
         return min(area, _ROOTS * float(max(x1 - x0, y1 - y0)) ** 2)
     if mount.plate == "rounded":
-        return float((x1 - x0 + 6.0) * (y1 - y0 + 6.0))
+        return float((x1 - x0 + 2 * _BESIDE_MM) * (y1 - y0 + 2 * _BESIDE_MM))
     if mount.plate != "outline":
         return np.inf
     px = 1.0 / seen.wall_mm_per_px
@@ -318,7 +322,7 @@ def refuse_price(guess: Guess, asked: Piece, size_mm: float) -> SceneError | Non
         (asked.max_hours, guess.hours, "--max-hours", "h", 2.0),
         (asked.max_grams, guess.mass_g, "--max-grams", "g", cubic),
     ):
-        if most is not None and found is not None and found > _GUESSED * most:
+        if most is not None and found is not None and found > GUESSED * most:
             size = smaller_size(size_mm, most / found, power)
             why = f"this piece would take about {found:.3g} {unit}"
             return SceneError(f"{option} {most:g}", why, f"Use --size {size}")

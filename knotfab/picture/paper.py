@@ -190,7 +190,7 @@ def _find_punched(labels: Array, side: int) -> list[int]:
         edge = min(
             rows.stop, columns.stop, labels.shape[0] - rows.start, labels.shape[1] - columns.start
         )
-        if edge < _PUNCHED * side and 0.8 < high / wide < 1.25:
+        if edge < _PUNCHED * side and high > 2 * _PART * side and 0.8 < high / wide < 1.25:
             filled = (labels[rows, columns] == number).sum() / (high * wide)
             if 0.7 < filled < 0.88:
                 discs.append((number, rows.start + high / 2, columns.start + wide / 2, high))

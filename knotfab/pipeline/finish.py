@@ -11,6 +11,8 @@ import numpy as np
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
+from knotfab.design.sentence import OPEN_HOLDER, hold_of
+from knotfab.design.survey import GUESSED
 from knotfab.part.files import read_back_strict
 from knotfab.part.slicer_process import NotSliced, Sliced
 from knotfab.pipeline.piece import WrittenPiece
@@ -34,11 +36,12 @@ from knotfab.report.report import (
 from knotfab.report.rows import list_rows
 from knotfab.report.setup import write_setup
 from knotfab.report.supports import report_posing, report_supports
-from knotfab.request import Outcome, Request
+from knotfab.request import Outcome, Promise, Request
 from knotfab.scene.camera import cameras_of
 from knotfab_formats.laxer import tell_laxer
 from knotfab_formats.print_figures import PlateFigures
 from knotfab_formats.report import Report
+from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.conclusion import tell_lowered
 from knotfab_validators.shadows.verdict_rules import worst_verdict
@@ -183,15 +186,35 @@ def _plate_of(piece: WrittenPiece) -> PlateFigures | None:
     return piece.part.mounted.plate_figures(piece.scene.material.shrinks_to)
 
 
-def tell_other_tube(previewed_mm: float | None, built_mm: float) -> list[str]:
-    """Say that the piece's tube differs visibly from the one that the preview named."""
-    if previewed_mm is None or abs(built_mm / previewed_mm - 1.0) <= _SAME_TUBE:
+def tell_unlike_preview(
+    promise: Promise | None, report: Report, scene: SettledScene, radius_mm: float
+) -> list[str]:
+    """Say what of a piece is not as the preview told it, and why: holder, tube, grams or hours."""
+    if promise is None:
         return []
-    return [
-        f"the tube is {2 * built_mm:.1f} mm thick, and not {2 * previewed_mm:.1f} mm as the preview said: it "
-        "was built again, so that it can be held and printed "
-        f"(--tube-radius {previewed_mm:.2f} keeps to the first)"
-    ]
+    print_, holder, other = report.print, hold_of(scene), list[str]()
+    if holder != promise.holder and promise.holder not in ("", OPEN_HOLDER):
+        other.append(f"it is {holder}, and not {promise.holder}")
+    if abs(radius_mm / promise.radius_mm - 1.0) > _SAME_TUBE:
+        other.append(
+            f"its tube is {2 * radius_mm:.1f} mm thick, and not {2 * promise.radius_mm:.1f} mm "
+            f"(--tube-radius {promise.radius_mm:.2f} keeps to that)"
+        )
+    if print_.time_s and print_.filament_g and promise.hours:
+        grams, hours = print_.filament_g, print_.time_s / 3600
+        if max(abs(promise.grams / grams - 1), abs(promise.hours / hours - 1)) > GUESSED - 1:
+            other.append(
+                f"it takes {grams:.0f} g and {hours:.1f} h, and not {promise.grams:.0f} g and "
+                f"{promise.hours:.1f} h"
+            )
+    whys = dict.fromkeys(one.why_next for one in report.attempts if one.why_next)
+    length = sum(knot.length_mm for knot in report.knots)
+    if print_.supports is not None and print_.supports.way == "slicer":
+        whys = {print_.supports.why: None}
+    why = "; ".join(filter(None, whys)) or (
+        f"its strands are {length:.0f} mm long, where {promise.length_mm:.0f} mm are usual"
+    )
+    return [f"the piece is not as the preview said: {', '.join(other)}; {why}"] if other else []
 
 
 def finish_build(
@@ -217,7 +240,9 @@ def finish_build(
         warnings=(
             *tell_lowered(report.checks),
             *filter(None, [tell_laxer(pieces[0].scene)]),
-            *tell_other_tube(request.previewed_radius_mm, pieces[0].made.knots.radius_mm),
+            *tell_unlike_preview(
+                request.promise, report, pieces[0].scene, pieces[0].made.knots.radius_mm
+            ),
         )
         or None,
     )

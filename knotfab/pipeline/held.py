@@ -94,7 +94,9 @@ def _price(
     supports_cm3 = posed.filament_cm3 - bare.filament_cm3 if filament else 0.0
     grams = scene.material.density_g_cm3 * (supports_cm3 + 1e-3 * (member_mm3 + solid_mm3))
     hours = (estimate_print_minutes(posed) - estimate_print_minutes(bare)) / 60
-    hours += hours_of_tube(member_mm3, radius, scene.printer) + hours_of_plate(solid_mm3)
+    hours += hours_of_tube(member_mm3, radius, scene.printer) + hours_of_plate(
+        solid_mm3, scene.mount.thickness_mm, scene.printer
+    )
     return Guess(kind, float(grams), float(hours) if filament else float("nan"))
 
 

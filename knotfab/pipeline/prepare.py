@@ -30,7 +30,7 @@ from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.pipeline.read_lamps import read_lamps
 from knotfab.pipeline.read_options import read_scene, read_skips
 from knotfab.pipeline.values import read_seconds
-from knotfab.request import Request
+from knotfab.request import Promise, Request
 from knotfab.scene.require import (
     require_mount,
     require_sequence,
@@ -68,7 +68,6 @@ def prepare_build(
     budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
     printing = _is_printed(options, call.scene)
-    call, otherwise, why = _plan_supports(call, printing)
     if budget is not None:
         require_budget(
             budget,
@@ -90,10 +89,11 @@ def prepare_build(
         from knotfab.design.sentence import describe
         from knotfab.design.survey import require_drawable
 
-        found = _survey(call, options.sequence, printing, choose=budget is None)
+        way, found = _survey_first(call, options.sequence, printing, choose=budget is None)
     require_drawable(found)
+    scene, otherwise, why = way
     return Request(
-        call.scene,
+        scene,
         call.sources,
         out,
         base=call.base,
@@ -106,16 +106,22 @@ def prepare_build(
         sequence=options.sequence,
         targets=call.targets,
         preview=tuple(describe(found)),
-        previewed_radius_mm=_promised_radius(found, call.scene),
+        promise=_promise(found, scene),
         otherwise=otherwise,
         why_supported=why,
     )
 
 
-def _promised_radius(found: Survey, scene: ResolvedScene) -> float | None:
-    """Return the radius that a build takes unless it must build again; None if a search decides it."""
-    one = len(found.views) == 1 and not found.frames and not scene.settings.free_view
-    return found.radius_mm if found.chosen and one and found.refusal is None else None
+def _promise(found: Survey, scene: ResolvedScene) -> Promise | None:
+    """Return what a build makes unless it must build again; None if a search decides it."""
+    from knotfab.design.sentence import hold_of
+
+    if len(found.views) > 1 or found.frames or scene.settings.free_view or not found.chosen:
+        return None
+    guess = found.guess
+    return Promise(
+        found.radius_mm, hold_of(found.scene), guess.mass_g, guess.hours, guess.length_mm
+    )
 
 
 def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> None:
@@ -153,9 +159,9 @@ def survey_pictures(
         InputError: as for `prepare_build`.
     """
     progress = progress or Progress("quiet")
-    call = _read_call(pictures, options, progress, glance=GLANCE)
+    call = _read_call(pictures, options, progress)
     with progress.stage("preview"):
-        return _survey(_plan_supports(call, True)[0], options.sequence, True)
+        return _survey_first(call, options.sequence, True)[1]
 
 
 @dataclass(frozen=True)
@@ -172,10 +178,8 @@ class _Call:
     parted: Separation | None = None  # the masks for lamps, of a picture in colours
 
 
-def _read_call(
-    pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int = 0
-) -> _Call:
-    """Read scene and pictures of a call; `glance` as for `read_target`."""
+def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progress) -> _Call:
+    """Read scene and pictures of a call, in a size that is a build's and a preview's."""
     scene, folder = read_scene(options)
     sources = _list_sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
@@ -189,7 +193,7 @@ def _read_call(
     scene, open_ = _place_views(scene, sources, options)
     _require(scene)
     with progress.stage("picture"):
-        targets = _read_pictures(scene, sources, options, base, not pictures, glance)
+        targets = _read_pictures(scene, sources, options, base, not pictures)
     scene, targets = _size(scene, targets, options)
     agreed: Agreement | None = None
     if len(scene.views) > 1:
@@ -205,11 +209,18 @@ def _read_call(
     return _Call(scene, sources, base, targets, name, told, agreed)
 
 
-def _plan_supports(call: _Call, printing: bool) -> tuple[_Call, ResolvedScene | None, str]:
-    """Return a call with the scene that is built first, the one after it, and why there is none."""
-    scene, otherwise, why = choose_supports(call.scene, call.targets, printing)
-    told = (f"it gets the slicer's supports: {why}",) if why else ()
-    return replace(call, scene=scene, told=(*call.told, *told)), otherwise, why
+def _survey_first(
+    call: _Call, sequence: bool, printing: bool, choose: bool = True
+) -> tuple[tuple[ResolvedScene, ResolvedScene | None, str], Survey]:
+    """Survey a call as it is built first: its scene, the one to build after it, and why it has supports."""
+    way = choose_supports(call.scene, call.targets, printing)
+    found = _survey(replace(call, scene=way[0]), sequence, printing, choose)
+    error, otherwise = found.refusal, way[1]
+    if error is not None and error.what != PICTURE and otherwise is not None:
+        way = otherwise, None, error.why
+        found = _survey(replace(call, scene=otherwise), sequence, printing, choose)
+    told = (f"it gets the slicer's supports: {way[2]}",) if way[2] else ()
+    return way, replace(found, told=(*found.told, *told))
 
 
 def _refuse_directions(options: BuildOptions, why: str, or_else: str = "") -> None:
@@ -256,14 +267,13 @@ def _read_pictures(
     options: BuildOptions,
     base: Path | None,
     named: bool,
-    glance: int,
 ) -> tuple[Target, ...]:
     """Read the pictures of views, or of frames; where the scene `named` them, with its titles."""
     if options.sequence:
         targets = read_frames(sources, scene.views[0], base=base, font=options.font)
         count_knots(targets, scene.piece.knots)  # refuses too many knots
         return targets
-    targets = read_targets(sources, scene.views, base=base, font=options.font, glance=glance)
+    targets = read_targets(sources, scene.views, base=base, font=options.font, glance=GLANCE)
     return name_targets(targets, scene.views) if named else targets
 
 

@@ -189,12 +189,15 @@ def list_ways(
     alone, hours = scene.piece.supports == "none", seconds / 3600
     held = print_.roots or print_.plate
     plate = 0.0 if held is None else held.mass_g / density
+    own = hours_of_plate(plate, mount.thickness_mm, scene.printer)
     name = str(mount.plate) if mount.on_feet else "none" if alone else "slicer"
     taken, others = way(name, hours, grams, print_.support_g or 0.0), list[Way]()
     if mount.plate == "roots" and mount.on_feet:
-        rounded = (box[0] + 6.0) * (box[1] + 6.0) * mount.but(plate="rounded").thickness_mm - plate
-        others.append(way("rounded", hours + hours_of_plate(rounded), grams + rounded * density))
-    bare, hours = grams - plate * density, hours - hours_of_plate(plate)
+        thin = mount.but(plate="rounded").thickness_mm
+        rounded = (box[0] + 6.0) * (box[1] + 6.0) * thin
+        later = hours_of_plate(rounded, thin, scene.printer) - own
+        others.append(way("rounded", hours + later, grams + (rounded - plate) * density))
+    bare, hours = grams - plate * density, hours - own
     if alone:
         longer = max(box[:2])
         room = longer**2 * (asked.piece.depth or DEPTH_RATIO * longer)

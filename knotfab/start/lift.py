@@ -28,6 +28,16 @@ from knotfab_formats.search import SearchSettings
 _FLAT_RADII = 3.0
 
 
+def refuse_doubled() -> SceneError:
+    """Return the error of a template that passes itself all along a stroke, and is to stand in arches."""
+    return SceneError(
+        "a piece without supports (--supports none)",
+        "its strokes are as thin as the tube: strands lie behind each other all along, and only one of "
+        "two can stand on the bed",
+        "Use --supports slicer, a thinner tube (--tube-radius), or bolder strokes (--thicken)",
+    )
+
+
 def lift_template(
     problem: Problem,
     template: Template,
@@ -52,12 +62,7 @@ def lift_template(
         steadying = Steadying(moved, target.view, target.axes, target.polygon, problem.world)
     separation = problem.limits(radius).separation
     if template.passes and problem.arched:
-        raise SceneError(
-            "a piece without supports (--supports none)",
-            "its strokes are as thin as the tube: strands lie behind each other all along, and only one of "
-            "two can stand on the bed",
-            "Use --supports slicer, a thinner tube (--tube-radius), or bolder strokes (--thicken)",
-        )
+        raise refuse_doubled()
     lanes = assign_lanes(template.curves, separation) if template.passes else None
     depth = choose_depth(
         template.curves,

@@ -19,18 +19,22 @@ from validator_parts import circle, tube
 from benchmarks import build_table, seconds
 from benchmarks.build_table import (
     COLUMNS,
+    ON_PAPER,
     PROCESS,
     SMALL,
     TABLES,
     Row,
     build_row,
+    compare_promise,
     count_lost,
+    draw_picture,
     draw_sets,
     read_row,
     summarize,
 )
 from benchmarks.features import CELLS, ROWS, Cell, build_cell
 from benchmarks.measurement import Built
+from benchmarks.on_paper import WIDE
 from benchmarks.readme_figures import FIGURES, compare_figures
 from benchmarks.small_pictures import small_pictures
 from benchmarks.traced_colours import light_and_mix, measure_rms, trace_colours, use_mitsuba
@@ -157,11 +161,30 @@ def test_rows_leave_out_what_a_report_lacks_and_settings_are_compared_with_the_f
 @pytest.mark.slow
 def test_every_picture_of_every_table_can_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
-    known = set(build_table.pictures()) | set(small_pictures()) | set(COLOURED)
+    known = set(build_table.pictures()) | set(small_pictures()) | set(COLOURED) | set(ON_PAPER)
+    assert all(draw_picture(name).width == WIDE for name in ON_PAPER)
     for one in TABLES.values():
         for name in one.names():
-            assert set(name.removesuffix("@eye").split("+")) <= known
+            texts = name.startswith("text:")
+            assert texts or set(name.removesuffix("@eye").split("+")) <= known
         assert set(one.columns) <= {*COLUMNS, *PROCESS} and one.settings
+
+
+def test_a_promise_is_kept_where_all_of_it_came() -> None:
+    """That is grams and hours within 12 %, the tube, and the holder."""
+    promise: Row = {"said_g": 50.0, "said_h": 5.0, "said_mm": 2.0, "said_holder": "in roots"}
+    came = {
+        "print": {
+            "filament_g": 50.0,
+            "time_s": 18000.0,
+            "mount": {"kind": "wall", "plate": "roots"},
+        },
+        "settings": {"tube_radius_mm": 2.0},
+    }
+    assert compare_promise(promise, came) == {"g_off": 0.0, "h_off": 0.0, "same": 1.0}
+    for other in ({"said_g": 57.0}, {"said_h": 4.3}, {"said_mm": 2.2}, {"said_holder": "on pegs"}):
+        assert compare_promise({**promise, **other}, came)["same"] == 0.0
+    assert compare_promise({"preview_s": 3.0}, came) == compare_promise(promise, None) == {}
 
 
 def test_only_pieces_and_holes_that_the_tube_could_draw_count_as_lost() -> None:

@@ -378,6 +378,20 @@ def test_a_build_to_print_says_and_refuses_what_a_preview_says(tmp_path: Path) -
         assert caught.value.why == found.refusal.why
 
 
+def test_strokes_on_which_no_piece_stands_are_promised_with_supports(tmp_path: Path) -> None:
+    """And a build begins with these at once, and not after a failed search."""
+    path = str(lines(tmp_path / "thin.png", width=3))
+    found = survey_pictures([path], BuildOptions())
+    assert found.refusal is None and not found.guess.alone
+    assert "slicer's supports: its strokes are as thin as the tube" in found.told[-1]
+    options = BuildOptions(out=tmp_path / "out", print_=True)
+    asked = prepare_build([path], options, "", Progress("quiet"))
+    assert asked.scene.piece.supports == "slicer" and asked.otherwise is None
+    assert asked.why_supported.startswith("its strokes") and asked.promise is not None
+    refused = survey_pictures([path], BuildOptions(supports="none")).refusal
+    assert refused is not None and "--supports slicer" in refused.remedy
+
+
 # Two drawings of thin lines are refused where no search can mend them, with a remedy.
 
 

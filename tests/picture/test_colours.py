@@ -13,6 +13,7 @@ from PIL import Image, ImageDraw
 from scipy import ndimage
 from tables import some
 
+from benchmarks.on_paper import draw_photographs
 from knotfab.base.arrays import Array, Mask
 from knotfab.picture.paper import read_paper
 from knotfab.picture.raster import encode_mask, silhouette_uri
@@ -178,6 +179,12 @@ def test_a_drawing_is_read_on_any_ground(tmp_path: Path, kind: str) -> None:
     assert words in " ".join(target.notes)
     assert 0.4 * INK < target.mask.mean() < 1.15 * INK
     assert target.pieces == 1 and not target.mask[:5].any()
+
+
+def test_where_squares_cross_no_holes_are_punched() -> None:
+    (photograph,) = (image for _, image, _ in draw_photographs("felt-tip, squared, shell"))
+    read = read_paper(photograph)
+    assert read is not None and "uneven light" in read[1] and "punched" not in read[1]
 
 
 PLAIN = {

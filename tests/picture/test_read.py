@@ -514,7 +514,7 @@ def test_a_large_photograph_is_decoded_once_and_shrunk(
         return decode(*asked)
 
     monkeypatch.setattr(raster, "decode_shrunk", noted)
-    (target,) = read_targets([str(tmp_path / "photo.jpg")], [Reading()], glance=raster.GLANCE)
+    (target,) = read_targets([str(tmp_path / "photo.jpg")], [Reading()], glance=1280)
     assert log.read_text() == "once "
     assert target.shrunk == 2 and target.mask.shape == (1000, 750)
     monkeypatch.undo()

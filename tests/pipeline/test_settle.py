@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pieces import PLA, PLATE, VIEW, camera, knots, ring
+from reports import REPORT, report_with
 from shapely import MultiPolygon, box
 
 import knotfab.pipeline.plan as planning
@@ -20,12 +21,13 @@ from knotfab.design.candidates import line_radius, most_radius, usual_radii
 from knotfab.design.design import design_knots
 from knotfab.design.frames import frame_view
 from knotfab.design.room import depth_extent, resolve_region
+from knotfab.design.sentence import OPEN_HOLDER
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.roots import NoWayError
 from knotfab.hold.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import Target, read_target
-from knotfab.pipeline.finish import tell_other_tube
+from knotfab.pipeline.finish import tell_unlike_preview
 from knotfab.pipeline.plan import plan_places
 from knotfab.pipeline.settle import (
     AIM,
@@ -37,11 +39,12 @@ from knotfab.pipeline.settle import (
     tell_depth,
 )
 from knotfab.plan import Attempts
-from knotfab.request import Request
+from knotfab.report.rows import list_rows
+from knotfab.request import Promise, Request
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
-from knotfab_formats.piece import Region
+from knotfab_formats.piece import Mount, Piece, Region
 from knotfab_formats.scene import ResolvedView, Scene
 
 MESSAGE = "it sags 1.00 mm on its pegs, 0.2 are allowed"
@@ -349,22 +352,43 @@ def test_a_wall_that_is_given_stays_where_it_is(
     assert said.to_mm < said.from_mm
 
 
+KEPT = Promise(2.0, "in roots", 50.0, 5.0, 3000.0)
+
+
 @pytest.mark.parametrize(
-    ("previewed", "built", "told"),
+    ("promise", "told"),
     [
-        (None, 1.8, False),
-        (0.8, 0.8, False),
-        (0.8, 0.83, False),
-        (0.8, 1.85, True),
-        (1.85, 0.8, True),
+        (None, None),
+        (KEPT, None),
+        (replace(KEPT, radius_mm=1.93, grams=55.0, hours=4.5), None),
+        (replace(KEPT, holder=OPEN_HOLDER, hours=None), None),
+        (replace(KEPT, radius_mm=0.9), "4.0 mm thick, and not 1.8 mm (--tube-radius 0.90"),
+        (replace(KEPT, holder="in a rounded plate"), "it is in roots, and not in a rounded plate"),
+        (replace(KEPT, hours=4.2), "it takes 50 g and 5.0 h, and not 50 g and 4.2 h"),
+        (replace(KEPT, grams=60.0), "it takes 50 g and 5.0 h, and not 60 g and 5.0 h"),
     ],
 )
-def test_another_tube_than_the_preview_told_is_a_warning(
-    previewed: float | None, built: float, told: bool
+def test_the_first_line_says_what_is_not_as_the_preview_told_and_why(
+    promise: Promise | None, told: str | None
 ) -> None:
-    said = tell_other_tube(previewed, built)
-    assert bool(said) == told
-    assert not told or f"--tube-radius {previewed:.2f}" in said[0]
+    printed = {**REPORT["print"], "filament_g": 50.0, "time_s": 18000.0}
+    plate = Mount(kind="wall", plate="roots")
+    scene = resolve(Scene(mount=plate, piece=Piece(printed=True)))
+    longer = tell_unlike_preview(promise, report_with(print=printed), scene, 2.0)
+    again = {
+        "what": "search",
+        "seconds": 1.0,
+        "cpu_s": 1.0,
+        "outcome": "",
+        "why_next": "a leg sways",
+    }
+    built = report_with(print=printed, attempts=[again], warnings=longer)
+    swaying = tell_unlike_preview(promise, built, scene, 2.0)
+    assert bool(longer) == bool(swaying) == (told is not None)
+    if told is not None:
+        assert told in longer[0] == list_rows(built)[0].text.removesuffix(".")
+        assert "3912 mm long, where 3000 mm are usual" in longer[0]
+        assert told in swaying[0] and swaying[0].endswith("; a leg sways")
 
 
 @dataclass(frozen=True)
