@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import wait
 from dataclasses import replace
 
@@ -51,9 +51,16 @@ _TOLD_S = 0.5  # interval between progress messages on the slicer
 
 
 def report_piece(
-    piece: WrittenPiece, folder: OutputFolder, request: Request, progress: Progress
+    piece: WrittenPiece,
+    folder: OutputFolder,
+    request: Request,
+    progress: Progress,
+    draw: Callable[[Sequence[View]], None] = lambda views: None,
 ) -> Report:
     """Wait for the verdict and the slicer, write drawings, and make the report.
+
+    Args:
+        draw: draws more from the verified views, while PrusaSlicer slices.
 
     Raises:
         SceneError: a required check failed, and the request has another scene to build.
@@ -77,6 +84,13 @@ def report_piece(
     _prefer_other_way(request, checks)
     with progress.stage("report"):  # while PrusaSlicer slices
         views = _list_views(piece, printing, verdict)
+        judged = worst_verdict(views)
+        word = "faithful" if judged is None else judged.word
+        if piece.slicing is not None and not piece.slicing.done() and not piece.suffix:
+            failed = [check.name for check in checks if check.required and check.status == "fail"]
+            told = f"{', '.join(failed)} failed" if failed else f"verified, {word}"
+            progress.say(f"{told}; PrusaSlicer is slicing")
+        draw(views)
         _draw_bendings(piece, folder)
         turning, turned = tell_turns(mounted) if printing else (None, [])
         print_ = replace(
@@ -89,12 +103,6 @@ def report_piece(
             turning=turning,
         )
         print_, laid = report_posing(print_, part, piece.flattening, printing=printing)
-    judged = worst_verdict(views)
-    word = "faithful" if judged is None else judged.word
-    if piece.slicing is not None and not piece.slicing.done() and not piece.suffix:
-        failed = [check.name for check in checks if check.required and check.status == "fail"]
-        told = f"{', '.join(failed)} failed" if failed else f"verified, {word}"
-        progress.say(f"{told}; PrusaSlicer is slicing")
     sliced = _wait_for_slicer(piece, progress)
     with progress.stage("report"):
         checks += [] if sliced is None else [check_slicing(sliced)]

@@ -45,7 +45,7 @@ from knotfab.request import Request
 from knotfab_formats.report import Report
 from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import WORDS as BEST_FIRST
-from knotfab_formats.verdict import list_unmet
+from knotfab_formats.verdict import View, list_unmet
 
 _SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
 ROUNDS = 2  # most further searches of a piece on one holder
@@ -94,14 +94,14 @@ class Workshop:
                     if painter is not None:
                         _draw(painter, piece.part, piece.scene, self.folder)
                     load_template()
-            report = report_piece(piece, self.folder, request, self.progress)
-            eyes = place_strangers(piece.scene.views, report)
-            if painter is not None and piece.part is not None and len(eyes):
-                with self.progress.stage("report"):
-                    unlit = draw_unlit(
-                        painter, piece.scene.views, eyes, _desk_mm(painter, piece.part)
-                    )
+
+            def draw_by_day(found: Sequence[View]) -> None:
+                views, eyes = piece.scene.views, place_strangers(piece.scene.views, found)
+                if painter is not None and piece.part is not None and len(eyes):
+                    unlit = draw_unlit(painter, views, eyes, _desk_mm(painter, piece.part))
                     unlit.save(self.folder.file("unlit.png"), "PNG", compress_level=3)
+
+            report = report_piece(piece, self.folder, request, self.progress, draw_by_day)
         return piece, report
 
 

@@ -22,8 +22,8 @@ from knotfab.render.part_picture import look_from, turn_upright
 from knotfab.report.page import Picture
 from knotfab.scene.camera import view_axes
 from knotfab_formats.print_figures import Turning
-from knotfab_formats.report import Report
 from knotfab_formats.scene import ResolvedView, SettledScene
+from knotfab_formats.verdict import View
 from knotfab_validators.shadows.told import DOOR
 
 
@@ -67,11 +67,9 @@ def find_pictures(folder: Path) -> list[Picture]:
     return found
 
 
-def place_strangers(views: Sequence[ResolvedView], report: Report) -> Array:
+def place_strangers(views: Sequence[ResolvedView], found: Sequence[View]) -> Array:
     """Return eyes (2, 3), mm: in the door, and where the unlit piece tells most; none if nothing is told."""
-    told = [
-        (view.told.worst, own) for view, own in zip(report.views, views, strict=False) if view.told
-    ]
+    told = [(one.told.worst, own) for one, own in zip(found, views, strict=False) if one.told]
     if not told:
         return np.empty((0, 3))
     worst, view = max(told, key=lambda one: one[0].share)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import time
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,8 +18,11 @@ from command import Done, knotfab
 from numpy.typing import NDArray
 from PIL import Image
 
+import knotfab.part.slicer as slicer
 import knotfab.pipeline.plan as planning
 from knotfab.design.design import Design
+from knotfab.part.slicer_process import NotSliced
+from knotfab.render.part_picture import why_undrawn
 from knotfab.report.summary import CHECKS
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import KNOTS, MESH, PRINTING, SHADOWS, UPRIGHT
@@ -288,6 +292,25 @@ def test_skip_knows_every_check_of_a_report(good: Good) -> None:
     )
     sometimes = {*of_others.split(), *UPRIGHT}
     assert set(checks_of(good.folder)) - own == set(CHECKS) - sometimes
+
+
+@pytest.mark.skipif(why_undrawn() is not None, reason="OpenGL is missing")
+def test_all_is_drawn_and_the_verdict_told_while_it_slices(
+    designed: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def wait_for_pictures(part: Path, *_: Any) -> NotSliced:
+        until = time.monotonic() + 100
+        while not part.with_name("unlit.png").is_file() and time.monotonic() < until:
+            time.sleep(0.02)
+        found = "all drawn" if time.monotonic() < until else "not drawn"
+        return NotSliced("stopped", found)
+
+    monkeypatch.setattr(slicer, "slice_part", wait_for_pictures)
+    unread = (word for word in UNREAD if word != "--skip=slicer")
+    call = [*designed, "--accuracy", "draft", "--print", "--mount", "none", "--supports", "slicer"]
+    done = knotfab(*call, *unread, "--out", tmp_path / "out")
+    assert done.code == 0 and "not known: all drawn" in done.out
+    assert "verified, faithful; PrusaSlicer is slicing" in done.err
 
 
 @pytest.mark.study
