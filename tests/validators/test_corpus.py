@@ -241,7 +241,8 @@ def test_what_stands_out_by_a_fiftieth_is_no_facet_of_a_tube(radii: float, own: 
     curve = circle(30.0, 400)
     widened = np.sqrt(2 * np.pi / 16 / np.sin(2 * np.pi / 16))
     body = tube(curve, 3.0 * radii / widened, 16)
-    found = strand_faces(body.vertices, body.faces, [circle(30.0, 4000)], 3.0)
+    finer = Curves((circle(30.0, 4000),), ("unknot",), (True,), 3.0)
+    found = strand_faces(_mesh(body), finer)
     assert found.all() if own else not found.any()
 
 

@@ -268,7 +268,7 @@ def _keep_strands(mesh: Mesh, curves: Curves | None) -> Mesh:
         return mesh
     if not np.isfinite(mesh.vertices).all():
         return mesh
-    own = strand_faces(mesh.vertices, mesh.faces, curves.polygons, curves.radius_mm)
+    own = strand_faces(mesh, curves)
     return Mesh(mesh.vertices, mesh.faces[own]) if own.any() else mesh
 
 

@@ -29,6 +29,10 @@ GEOMETRY = view_geometry(VIEW, 90, 90)  # type: ignore[arg-type]
 Body = tuple[np.ndarray, np.ndarray]
 
 
+def _lone(line: np.ndarray, radius: float) -> Curves:
+    return Curves((line,), ("unknot",), (True,), radius)
+
+
 def push_outwards(by_mm: float) -> np.ndarray:
     """The ring with its right side pushed out."""
     t = np.arctan2(CURVE[:, 1], CURVE[:, 0])
@@ -154,8 +158,7 @@ def test_a_stands_struts_leave_enough_of_the_tube() -> None:
     vertices, faces = on_a_stand()
     mesh = Mesh(vertices, faces.astype(np.int64))
     for radius, status in ((RADIUS, "pass"), (0.9 * RADIUS, "fail")):
-        curves = Curves((CURVE,), ("unknot",), (True,), radius)
-        assert check_tube(mesh, curves, mounted=True).status == status
+        assert check_tube(mesh, _lone(CURVE, radius), mounted=True).status == status
 
 
 def test_long_faces_of_a_strand_are_its_own_and_bridges_not() -> None:
@@ -166,13 +169,13 @@ def test_long_faces_of_a_strand_are_its_own_and_bridges_not() -> None:
     steps = np.arange(0.0, 40.0, 0.26) * np.array([[1.0], [0.0], [0.0]])
     finer = np.concatenate([line[:33], line[32] - steps.T[1:], line[33:], line[-1] + steps.T[1:]])
     for points in line, finer:  # a knot's vertices may be much nearer than its faces are long
-        assert strand_faces(vertices, faces, [points], 2.0).all()
+        assert strand_faces(Mesh(vertices, faces), _lone(points, 2.0)).all()
     on_legs = (vertices[:, 0] > -0.5) & (vertices[:, 0] < 40.5)
     (legs,) = np.nonzero(on_legs & (np.abs(np.abs(vertices[:, 1]) - 6.0) < 0.5))
     upper, lower = legs[vertices[legs, 1] > 0][0], legs[vertices[legs, 1] < 0]
     bridge = np.array([[upper, lower[0], lower[1]]])
     for points in line, finer:
-        assert not strand_faces(vertices, bridge, [points], 2.0).any()
+        assert not strand_faces(Mesh(vertices, bridge), _lone(points, 2.0)).any()
 
 
 @pytest.mark.parametrize("side", [3.5, 5.0, 6.0, 8.0, 12.0])
@@ -182,4 +185,4 @@ def test_inner_sides_that_mitres_shorten_are_a_strands_own(side: float) -> None:
     large = side * radius / (2 * np.sin(np.pi / corners))
     line = large * np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
     vertices, faces = sweep(line, radius, 24)
-    assert strand_faces(vertices, faces, [line], radius, proud=1.2).all()
+    assert strand_faces(Mesh(vertices, faces), _lone(line, radius), proud=1.2).all()

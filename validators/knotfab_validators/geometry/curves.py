@@ -74,7 +74,7 @@ class Bar:
         return Bar(share * self.start, share * self.end, share * self.width, share * self.height)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Curves:
     """Polygons with one tube radius, and the mount that holds them.
 

@@ -105,7 +105,7 @@ def check_mount(mesh: Mesh, curves: Curves, asked: Asked = NOTHING_ASKED) -> Che
         return _misfit("misfit", why)
     if (surplus := _find_surplus(curves, asked)) is not None:
         return _misfit("surplus", f"knots.json lists {surplus}")
-    others, detail = _find_others(mesh, curves, radius, solids)
+    others, detail = _find_others(mesh, curves, solids)
     if len(others):
         return _misfit("joined", f"{detail}, at {spot(others[0])}", others)
     for hole in asked.holes if curves.plate is None else holes_of(curves.plate):
@@ -320,9 +320,7 @@ def _find_other_plate(plate: Slab, asked: Asked) -> str:
     return ""
 
 
-def _find_others(
-    mesh: Mesh, curves: Curves, radius: float, solids: Sequence[Solid]
-) -> tuple[Array, str]:
+def _find_others(mesh: Mesh, curves: Curves, solids: Sequence[Solid]) -> tuple[Array, str]:
     """Find places (k, 3) of faces that belong to nothing, with what is said of them.
 
     A face belongs where all its corners lie: in one strand, in the plate, in a member or its root, in a rod,
@@ -330,7 +328,7 @@ def _find_others(
     of a face across a seam each lie in one of those.
     """
     vertices, faces = mesh.vertices, mesh.faces
-    own = strand_faces(vertices, faces, curves.polygons, radius, proud=SWOLLEN, beside=BESIDE)
+    own = strand_faces(mesh, curves, proud=SWOLLEN, beside=BESIDE)
     rest = np.flatnonzero(~own)
     within = list[Callable[[Array], Mask]]()
     if curves.plate is not None:
@@ -376,11 +374,7 @@ def _find_fused(mesh: Mesh, curves: Curves, radius: float) -> Array:
     """Find places (k, 3) where faces join two strands that are too near for a strut."""
     from scipy.spatial import cKDTree
 
-    rest = np.flatnonzero(
-        ~strand_faces(
-            mesh.vertices, mesh.faces, curves.polygons, radius, proud=SWOLLEN, beside=BESIDE
-        )
-    )
+    rest = np.flatnonzero(~strand_faces(mesh, curves, proud=SWOLLEN, beside=BESIDE))
     edges = curves.edges
     corners = mesh.vertices[mesh.faces[rest]]
     middle = (edges.start + edges.end) / 2

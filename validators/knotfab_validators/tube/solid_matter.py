@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ import shapely
 from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, spot
-from knotfab_validators.geometry.curves import cut_edges
+from knotfab_validators.geometry.curves import Curves, cut_edges
 from knotfab_validators.geometry.mesh import Mesh, connect, winding_numbers
 from knotfab_validators.tube.tube_fit import LIMIT
 
@@ -348,39 +349,44 @@ def tube_vertices(vertices: Array, faces: Ints, polygons: Sequence[Array], radiu
 
 
 def strand_faces(
-    vertices: Array,
-    faces: Ints,
-    polygons: Sequence[Array],
-    radius: float,
-    *,
-    proud: float = PROUD,
-    beside: float = BESIDE_MATTER,
+    mesh: Mesh, curves: Curves, *, proud: float = PROUD, beside: float = BESIDE_MATTER
 ) -> Mask:
     """Return which faces (m,) are the tube's surface: close to it, and to a single strand.
 
     Args:
-        vertices, faces: (n, 3) and (m, 3), mm. polygons: closed, [(k, 3), ...] mm, one radius.
+        curves: closed, their radius known.
         proud: how far from the centre line a face may reach, in radii. beside: how far along it.
+    """
+    distance, span = _near_strands(mesh, curves)
+    return np.asarray((distance <= proud) & (span <= beside))
+
+
+@lru_cache(maxsize=1)  # `clearance` and `mount` ask it of the same part
+def _near_strands(mesh: Mesh, curves: Curves) -> tuple[Array, Array]:
+    """Measure faces (m,) in radii: how far their corners are from the centre lines, and span along one.
+
+    The span is 0 where a face of that length may have it, and inf from knot to knot.
     """
     from scipy.spatial import cKDTree
 
-    samples = [_sample_strand(polygon, radius) for polygon in polygons]
+    vertices, faces, radius = mesh.vertices, mesh.faces, curves.radius_mm
+    assert radius is not None
+    samples = [_sample_strand(polygon, radius) for polygon in curves.polygons]
     steps = [np.linalg.norm(np.roll(s, -1, axis=0) - s, axis=1) / radius for s in samples]
     along = np.concatenate([np.cumsum(step) - step for step in steps])
     around = np.array([step.sum() for step in steps])
     first = np.concatenate([[0], np.cumsum([len(s) for s in samples])])
     tree = cKDTree(np.concatenate(samples))
     distance, nearest = tree.query(vertices, distance_upper_bound=REACH * radius)
-    close = (distance <= proud * radius)[faces].all(axis=1)
     place = np.minimum(nearest, first[-1] - 1)[faces]
     knot = np.searchsorted(first, place, side="right") - 1
-    result: Mask = close & (knot == knot[:, :1]).all(axis=1)
     apart = np.abs(along[place] - along[place[:, [1, 2, 0]]])
     apart = np.minimum(apart, around[knot] - apart)
     # a long face along a straight strand spans as much of it as its corners are apart
     side = np.linalg.norm(vertices[faces] - vertices[faces[:, [1, 2, 0]]], axis=2) / radius
-    result &= (apart <= np.maximum(beside, ALONG * side + MITRED)).all(axis=1)
-    return result
+    apart[apart <= ALONG * side + MITRED] = 0.0
+    apart[knot != knot[:, :1]] = np.inf
+    return (distance / radius)[faces].max(axis=1), apart.max(axis=1)
 
 
 def _sample_strand(polygon: Array, radius: float) -> Array:
