@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.budget import (
@@ -23,7 +24,7 @@ from knotfab.design.retries import (
     is_better,
     plan_prices,
     plan_sparser,
-    start_with_more_legs,
+    start_on_more_legs,
     start_without_bumps,
 )
 from knotfab.design.settings import (
@@ -60,7 +61,7 @@ from knotfab_formats.scene import (
 from knotfab_formats.search import SearchSettings
 
 START_FILE = "start.json"
-_BRACINGS = 3  # searches at most for legs that all have a neighbour
+_BRACINGS = 3  # further searches at most for legs that all have a neighbour
 
 
 @dataclass(frozen=True, repr=False)
@@ -117,8 +118,9 @@ def plan_searches(
 ) -> Steps[Design]:
     """Plan the searches of one design, as `design_knots` makes them.
 
-    The first starts from a filling, the others from what it lacks: sides that keep their order where a strand
-    stands out, more arches where a leg is braced by none, sparser strands where a limit is broken.
+    The first starts from a filling, on as many arches as its legs need there and after the coarse phase.
+    Others follow on what it lacks: sides that keep their order where a strand stands out, more arches where a
+    leg is braced by none all the same, sparser strands where a limit is broken.
 
     Args:
         why: why this design is made after another one.
@@ -137,6 +139,10 @@ def plan_searches(
     question, radius, start, choice = choose_tube(question, settings, progress, budget)
     problem, knots = question.problem, question.scene.piece.knots
     _tell_scene(progress, question, radius)
+    stands = problem.arched and not settings.start  # given knots may cross as seen from the light
+    if stands:
+        with progress.stage("template"):
+            start = start_on_more_legs(problem, start, radius) or start
     settings = refine_settings(question, settings, radius)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
@@ -149,6 +155,11 @@ def plan_searches(
     with progress.stage("search"):
         pose, settings = _free_views(question, radius, settings)
         pace = None if budget is None else Pace(budget.search_s)
+        stands = stands and pace is None
+
+        def amend(begun: Start, curves: Sequence[Array]) -> Start | None:
+            return start_on_more_legs(problem, begun, radius, curves)
+
         first = Search(
             _name_search(question, radius),
             problem,
@@ -160,23 +171,26 @@ def plan_searches(
                 "pose": pose,
                 "pace": pace,
                 "device": device,
+                "amend": amend if stands and settings.method == "flow" else None,
                 "watch": progress.show,
                 "report": progress.update if progress.watched else None,
             },
         )
         result: SearchResult = yield first
+        start = result.starts[-1]
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
+            parted = start_on_more_legs(problem, parted, radius) or parted
             what, why = "search from parted sides", "a strand stands out of the picture"
             again: SearchResult = yield replace(first, what=what, start=parted, why=why)
             if is_better(result, again):
                 result.add_work(again)
             else:
                 again.add_work(result)
-                start, result = parted, again
-        for _ in range(_BRACINGS if pace is None else 0):
-            braced = start_with_more_legs(problem, result, start)
+                start, result = again.starts[-1], again
+        for _ in range(_BRACINGS if stands else 0):
+            braced = amend(start, [knot.points for knot in result.knots.knots])
             if braced is None:
                 break
             what, why = (
@@ -187,7 +201,7 @@ def plan_searches(
             if result.feasible and not again.feasible:
                 break
             again.add_work(result)
-            start, result = braced, again
+            start, result = again.starts[-1], again
         unmet = None if result.feasible else result
         if unmet is not None:
             result = (yield from plan_sparser(problem, radius, knots, settings)) or unmet

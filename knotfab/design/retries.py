@@ -1,4 +1,4 @@
-"""Search again where a result falls short: without a limit, sparser, without bumps, or with more legs.
+"""Search again where a result falls short: without a limit, sparser, without bumps, or on more legs.
 
 The searches without a limit price it: they show how much IoU it costs.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -288,68 +289,98 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 # Legs: where a strand without supports ends up too far from all others for a bar, or too flat.
 
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
+_ROUNDS = 6  # at most, in which arches are added
 
 
-def start_with_more_legs(problem: Problem, result: SearchResult, start: Start) -> Start | None:
-    """Make a start of more arches where the search left a leg with no neighbour to brace it, or too flat.
+def start_on_more_legs(
+    problem: Problem, start: Start, radius: float, found: Sequence[Array] = ()
+) -> Start | None:
+    """Add arches where a leg has no neighbour to brace it, or is too flat; None where that helps none.
 
-    An arch with a leg of the first kind becomes two. A flat leg, whose strand has grown too long for its
-    height, gets a low arch before it. Strands move along the light's rays, so what is simple seen from the
-    light stays so. None where no leg is amiss, or where a knot is tied in: its strands must keep their order.
+    An arch with a leg of the first kind becomes two. A flat leg, whose strand is too long for its height,
+    gets a low arch before it. New legs are looked at in turn, and the best of the rounds counts. Strands
+    move along the light's rays, so what is simple seen from the light stays so. Where a knot is tied in,
+    strands must keep their order: None.
+
+    Args:
+        found: the curves [(n, 3)] that a search made of the start's, whose legs are looked at first.
     """
     if not problem.arched or set(start.types) != {"unknot"}:
         return None
-    target, radius = problem.views[0], result.knots.radius_mm
+    axes = problem.views[0].axes
+    curves, best = [curve @ axes.T for curve in start.curves], None
+    looked, fewest = [curve @ axes.T for curve in found] or curves, inf
+    for number in range(_ROUNDS + 1):
+        amiss, more = _add_arches(problem, looked, curves, radius)
+        if looked is curves and amiss < fewest:
+            fewest, best = amiss, curves if number else None
+        if more is None:
+            break
+        looked = curves = more
+    return None if best is None else replace(start, curves=tuple(c @ axes for c in best))
+
+
+def _add_arches(
+    problem: Problem, looked: list[Array], curves: list[Array], radius: float
+) -> tuple[int, list[Array] | None]:
+    """Count the legs that are amiss of curves [(n, 3)], z to the light; also add an arch for each.
+
+    Args:
+        curves: what gets the arches: the same, or what these have come from.
+    """
+    target = problem.views[0]
     light = target.view.light_distance_mm
     shapely.prepare(target.polygon)
 
     def hidden(points: Array) -> bool:
         return bool(shapely.contains_xy(target.polygon, *lower(points, light).T).all())
 
-    found = [knot.points @ target.axes.T for knot in result.knots.knots]
-    legs = find_legs(found)
+    legs = find_legs(looked)
     _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), hidden)
-    begun = [curve @ target.axes.T for curve in start.curves]
-    curves = list(begun)
+    curves, plans, flat = list(curves), [lower(curve, light) for curve in curves], 0
     floor = min(float(curve[:, 2].min()) for curve in curves)
+    changed = set[tuple[int, int]]()
 
     def place(leg: Leg, end: int) -> int:
-        """Find the vertex of the start that has become an end of a leg, 0 in the valley or -1 on the peak."""
+        """Find the vertex that is, or has become, an end of a leg: 0 in the valley or -1 on the peak."""
         # a search keeps the places in the picture, but lengthens some stretches more than others
-        flat = lower(begun[leg.curve], light) - lower(leg.points[[end]], light)
-        return int(np.linalg.norm(flat, axis=1).argmin())
-
-    changed = set[tuple[int, int]]()
+        away = plans[leg.curve] - lower(leg.points[[end]], light)
+        return int(np.linalg.norm(away, axis=1).argmin())
 
     def change(leg: Leg, at: int, height: Array | None) -> None:
         if height is not None:
-            plan = lower(curves[leg.curve], light)
-            curves[leg.curve] = lift(plan, height + floor, light)
+            curves[leg.curve] = lift(plans[leg.curve], height + floor, light)
             changed.add((leg.curve, at))
 
     for spot in lacking:
         leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - spot, axis=1).min()))
         at = place(leg, -1)
         if (leg.curve, at) not in changed:  # both legs of an arch may lack one
-            change(leg, at, _halve_arch(curves[leg.curve][:, 2] - floor, at, radius))
+            heights = curves[leg.curve][:, 2] - floor
+            change(leg, at, _halve_arch(heights, plans[leg.curve], at, radius))
     for leg in legs:
-        at = place(leg, -1)
         rise = float(np.ptp(leg.points[:, 2]))
         along = float(np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum())
         if rise < along * np.tan(np.radians(_FLATTEST_DEG)) and rise > MOST_BRIDGE_MM:
+            flat += 1
             share = 0.5 * (along * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
-            change(
-                leg,
-                at,
-                _add_arch(curves[leg.curve][:, 2] - floor, place(leg, 0), at, share, radius),
-            )
-    if not changed:
-        return None
-    return replace(start, curves=tuple(curve @ target.axes for curve in curves))
+            low, high = place(leg, 0), place(leg, -1)
+            heights = curves[leg.curve][:, 2] - floor
+            change(leg, high, _add_arch(heights, plans[leg.curve], low, high, share, radius))
+    return len(lacking) + flat, curves if changed else None
 
 
-def _halve_arch(height: Array, at: int, radius: float) -> Array | None:
-    """Replace an arch in a ring of heights (n,) by two, half as high and wide; None if it is low."""
+def _shares_of(way: Array) -> Array:
+    """Return how far along a polyline (n, 2) its vertices are, 0 to 1."""
+    along = np.cumsum(np.linalg.norm(np.diff(way, axis=0, prepend=way[:1]), axis=1))
+    return np.asarray(along / along[-1])
+
+
+def _halve_arch(height: Array, plan: Array, at: int, radius: float) -> Array | None:
+    """Replace an arch in a ring of heights (n,) over a plan (n, 2) by two, half as high and wide.
+
+    None if it is low.
+    """
     count, valleys = len(height), np.sort(peaks_of(-height))
     if not len(valleys):
         return None
@@ -359,17 +390,20 @@ def _halve_arch(height: Array, at: int, radius: float) -> Array | None:
     arch = height[places]
     if 0.5 * arch.max() < LOWEST_ARCH_RADII * radius:
         return None
-    base, u = np.linspace(arch[0], arch[-1], len(arch)), np.linspace(0.0, 1.0, len(arch))
+    u = _shares_of(plan[places])
+    base = arch[0] + (arch[-1] - arch[0]) * u
     halved = height.copy()
     halved[places] = base + 0.5 * np.interp(2.0 * u % 1.0, u, arch - base)
     return halved
 
 
-def _add_arch(height: Array, valley: int, peak: int, share: float, radius: float) -> Array | None:
-    """Insert an arch of a share of a leg's height before it in a ring of heights (n,); None if it is low.
+def _add_arch(
+    height: Array, plan: Array, valley: int, peak: int, share: float, radius: float
+) -> Array | None:
+    """Insert an arch of a share of a leg's height before it in a ring of heights (n,) over a plan (n, 2).
 
     All three flanks become equally steep. The leg is that between the ring's valley and peak nearest to the
-    given places.
+    given places. None if the arch is low.
     """
     count = len(height)
 
@@ -386,7 +420,7 @@ def _add_arch(height: Array, valley: int, peak: int, share: float, radius: float
     leg = height[places]
     if share * (leg[-1] - leg[0]) < LOWEST_ARCH_RADII * radius:
         return None
-    u, wide = np.linspace(0.0, 1.0, len(leg)), share / (2.0 * share + 1.0)
+    u, wide = _shares_of(plan[places]), share / (2.0 * share + 1.0)
     shape = np.interp(
         np.where(u < 2 * wide, 1.0 - np.abs(u / wide - 1.0), (u - 2 * wide) / (1.0 - 2 * wide)),
         u,
