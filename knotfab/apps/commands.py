@@ -174,7 +174,7 @@ def compare(
         The folder that a build wrote.
     corners
         The corners of the frame in the photograph, as x,y in px: top left, top right, bottom right, bottom
-        left. By default the four marks of setup.pdf, or the plate of a wall mount, tell them.
+        left. By default the four marks of setup.pdf tell them.
     click
         Open a page to click the four corners; it then shows the command with --corners.
     view

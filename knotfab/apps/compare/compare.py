@@ -16,7 +16,6 @@ from knotfab.apps.compare.rectify import (
     LampFit,
     find_lamp,
     find_marks,
-    find_plate,
     find_shadow,
     homography,
     map_points,
@@ -101,7 +100,7 @@ def compare_photo(
 
     Args:
         corners: of the frame in the photograph, `x,y` px each, clockwise from the top left. By default they
-            are found by the four marks of setup.pdf, or else by the plate that the piece is mounted on.
+            are found by the four marks of setup.pdf.
         view_name: the first view by default.
 
     Raises:
@@ -119,7 +118,12 @@ def compare_photo(
         cards = card_middles(view.frame_mm, margin)
         at = map_points(homography(cards, marks), _frame_corners(view))
     else:
-        at = _find_frame_by_plate(image, scene, view, str(photo))
+        raise InputError(
+            str(photo),
+            "it does not show the four marks",
+            "Put the four marks of setup.pdf about the frame, or point at the frame's corners (--click), or "
+            "name them: --corners x,y x,y x,y x,y.",
+        )
 
     def look(at: Array) -> tuple[Mask, float]:
         """Return the shadow in a frame with these corners, and its IoU with the picture."""
@@ -356,23 +360,6 @@ def _frame_corners(view: ResolvedView) -> Array:
     """Return the frame's corners (4, 2), clockwise, in mm right and down from the first."""
     w, h = view.frame_mm
     return np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]])
-
-
-def _find_frame_by_plate(image: Array, scene: Scene, view: ResolvedView, what: str) -> Array:
-    """Find the frame's corners in the photograph by those of the plate, which lie a margin outside."""
-    remedy = (
-        "Put the four marks of setup.pdf about it, or point at the frame's corners (--click), or name them: "
-        "--corners x,y x,y x,y x,y."
-    )
-    if not _has_plate(scene):
-        why = "it does not show the four marks, and this piece has no plate to find its frame by"
-        raise InputError(what, why, remedy)
-    plate = find_plate(image)
-    if plate is None:
-        why = "it shows neither the four marks nor the plate's outline clearly enough"
-        raise InputError(what, why, remedy)
-    frame, m = _frame_corners(view), scene.mount.plate_margin_mm
-    return map_points(homography(frame + m * np.sign(frame - frame.mean(axis=0)), plate), frame)
 
 
 def _blank_cards(seen: Array, middles: Array, scale: float) -> None:

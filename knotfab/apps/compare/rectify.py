@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.optimize import minimize
 
@@ -19,9 +18,6 @@ from knotfab.report.drill_template import MARK_RADII_MM
 from knotfab.scene.camera import Camera
 from knotfab_formats.errors import InputError
 
-_PLATE_PX = 500  # longer side of the photograph in which the plate is sought
-_STRIP = 0.04  # strip along the photograph's edge, as a share of its width, assumed to be bare wall
-_LEAST_SHARE = 0.04  # least share of the photograph that a plate covers
 _FAINT = 0.12  # least share of the light that a shadow takes away
 _ROUNDS = 6  # rounds of fitting the bare wall's light and the threshold
 
@@ -133,83 +129,6 @@ def _threshold(values: Array) -> float:
         between = np.nan_to_num(below * above * (high - low) ** 2)
     best = int(between.argmax())
     return float(0.5 * (low[best] + high[best]))
-
-
-def find_plate(photo: NDArray[np.float64]) -> Array | None:
-    """Find a mount's plate, a quadrilateral that stands out from the wall, in a photograph (H, W, 3).
-
-    Returns:
-        Its corners (4, 2) px, clockwise from the top left; None if there is none.
-    """
-    step = max(1, round(max(photo.shape[:2]) / _PLATE_PX))
-    small = ndimage.gaussian_filter(photo, (0.7 * step, 0.7 * step, 0))[::step, ::step]
-    unlike = np.linalg.norm(small / _fit_wall(small) - 1.0, axis=2)
-    best: tuple[float, Array] | None = None
-    for cut in (0.04, 0.06, 0.09, 0.13, 0.18, 0.25):
-        labels, count = ndimage.label(ndimage.binary_fill_holes(unlike > cut))
-        if not count:
-            continue
-        largest = labels == 1 + int(np.bincount(labels.ravel())[1:].argmax())
-        if largest.mean() < _LEAST_SHARE:
-            continue
-        corners = _quadrilateral(largest)
-        if corners is None:
-            continue
-        y, x = np.mgrid[: largest.shape[0], : largest.shape[1]]
-        inside = shapely.contains_xy(shapely.Polygon(corners).buffer(0), x, y)
-        like = mask_iou(inside, largest)
-        if best is None or like > best[0]:
-            best = like, corners
-    if best is None or best[0] < 0.95:  # it is not a quadrilateral
-        return None
-    return np.asarray((best[1] + 0.5) * step - 0.5)
-
-
-def _fit_wall(photo: Array) -> Array:
-    """Fit the colour of the lit wall, a quadratic in x and y, to a strip along the photograph's edge."""
-    height, width = photo.shape[:2]
-    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    terms = np.stack([x**i * y**j for i in range(3) for j in range(3 - i)], axis=-1)
-    strip = np.maximum(np.abs(x), np.abs(y)) > 1 - 2 * _STRIP
-    fitted, *_ = np.linalg.lstsq(terms[strip], photo[strip], rcond=None)
-    return np.asarray(np.maximum(terms @ fitted, 0.02))
-
-
-def _quadrilateral(region: Mask) -> Array | None:
-    """Fit lines to the four sides of a region's convex hull, and return where they meet."""
-    rows, columns = np.nonzero(region)
-    hull = shapely.convex_hull(shapely.MultiPoint(np.stack([columns, rows], axis=1)))
-    if not isinstance(hull, shapely.Polygon):
-        return None
-    size = float(np.sqrt(hull.area))
-    simple = hull
-    for tolerance in np.geomspace(0.005, 0.2, 24) * size:
-        simple = hull.simplify(tolerance)
-        if len(simple.exterior.coords) <= 5:
-            break
-    rough = np.array(simple.exterior.coords)[:-1]
-    if len(rough) != 4:
-        return None
-    outline = shapely.segmentize(hull, 1.0)
-    points = np.array(outline.exterior.coords)
-    lines = []
-    for a, b in zip(rough, np.roll(rough, -1, axis=0), strict=True):
-        along = (b - a) / np.linalg.norm(b - a)
-        rel = points - a
-        t = rel @ along / np.linalg.norm(b - a)
-        off = np.abs(rel[:, 0] * along[1] - rel[:, 1] * along[0])
-        side = points[(t > 0.12) & (t < 0.88) & (off < 0.04 * size)]
-        if len(side) < 4:
-            return None
-        middle = side.mean(axis=0)
-        normal = np.linalg.svd(side - middle)[2][1]
-        lines.append((normal, float(normal @ middle)))
-    corners = []
-    for (n, d), (m, e) in zip(lines, lines[1:] + lines[:1], strict=True):
-        if abs(np.linalg.det(np.stack([n, m]))) < 0.1:
-            return None
-        corners.append(np.linalg.solve(np.stack([n, m]), [d, e]))
-    return from_top_left(np.array(corners))
 
 
 def from_top_left(corners: Array) -> Array:

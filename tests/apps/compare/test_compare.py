@@ -95,24 +95,21 @@ def unknown(folder: Path, tmp_path: Path) -> Path:
 def photograph(
     path: Path,
     moved: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    plate: bool = False,
     cards: float | None = None,
     far: bool = False,
 ) -> Path:
     """A wall in perspective, lit from one side, with the shadow of the piece for a lamp that is moved.
 
     Args:
-        plate: 8 mm about the frame. cards: so many mm about it, on paper as white as the wall.
+        cards: so many mm about the frame, on paper as white as the wall.
         far: the corners are `FARTHER`.
     """
-    path.write_bytes(_photographed(moved, plate, cards, far))
+    path.write_bytes(_photographed(moved, cards, far))
     return path
 
 
 @cache
-def _photographed(
-    moved: tuple[float, float, float], plate: bool, cards: float | None, far: bool
-) -> bytes:
+def _photographed(moved: tuple[float, float, float], cards: float | None, far: bool) -> bytes:
     """The PNG of a photograph, made once for all tests that ask for it."""
     corners = FARTHER if far else CORNERS
     frame = np.array([[0, 0], [160, 0], [160, 120], [0, 120]]) - 0.5
@@ -125,9 +122,6 @@ def _photographed(
     )
     light = 0.85 - 0.35 * x / SIZE[0] - 0.2 * (y / SIZE[1]) ** 2
     colour = np.full((*x.shape, 3), (0.9, 0.88, 0.85))
-    if plate:  # 8 mm about the frame
-        inside = ((at > -8.5) & (at < (167.5, 127.5))).all(axis=1).reshape(x.shape)
-        colour[~inside] *= (0.62, 0.7, 0.8)
     if cards is not None:
         for middle in card_middles((160.0, 120.0), cards):
             off = np.linalg.norm(at + 0.5 - middle, axis=1).reshape(x.shape)
@@ -217,15 +211,6 @@ def test_without_knots_another_order_is_named_by_the_picture(unknown: Path, tmp_
     found = compare_photo(photo, unknown, begun(2))
     assert found.instead == (tuple(words()),) and "another order" in advise(found)
     assert compare_photo(photo, unknown, words()).alike is None
-
-
-@pytest.mark.slow
-def test_the_frame_is_found_by_the_plate(unknown: Path, tmp_path: Path) -> None:
-    photo = photograph(tmp_path / "photo.png", plate=True)
-    found = compare_photo(photo, unknown)
-    assert found.iou > 0.94 and found.lamp is None and advise(found) == ""
-    named = compare_photo(photo, unknown, words())
-    assert found.iou == pytest.approx(named.iou, abs=0.03)
 
 
 @pytest.mark.slow
@@ -384,7 +369,7 @@ def test_what_cannot_be_compared(folder: Path, tmp_path: Path) -> None:
             ((photo, place, "--corners", *words()), "knots.json: it is damaged")
             for place in damaged
         ),
-        ((photo, folder), "nor the plate's outline"),
+        ((photo, folder), "it does not show the four marks. Put"),
         ((plain, folder, "--corners", *words()), "no shadow stands out"),
         ((tmp_path / "words.png", folder), "not a picture that can be read"),
         ((photo, tmp_path), "no such file"),
