@@ -58,11 +58,11 @@ class Search:
         return search(self.problem, self.start, self.radius, self.settings, **self.more)
 
     def judge(self, made: SearchResult) -> str:
-        """Tell the IoU of the worst view, the limits that it breaks, and from how many starts it went on."""
-        broken, begun = ", ".join(made.feasibility.broken), len(made.starts)
-        kept = f"breaks {broken}" if broken else "within limits"
-        among = f", the last of {begun} coarse starts" if begun > 1 else ""
-        return f"IoU {made.iou_estimate:.3f}, {kept}{among}"
+        """Tell the IoU of the worst view, and the limits that it breaks."""
+        broken = ", ".join(made.feasibility.broken)
+        return f"IoU {made.iou_estimate:.3f}, " + (
+            f"breaks {broken}" if broken else "within limits"
+        )
 
 
 @dataclass

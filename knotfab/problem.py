@@ -199,7 +199,6 @@ class SearchResult:
     views: tuple[ResolvedView, ...] = ()
     numbers: ViewNumbers | None = None  # of a pose that the search found
     guards: Mapping[str, Guard] = field(default_factory=dict)  # by the limit's name
-    starts: tuple[Start, ...] = ()  # of its coarse phases, the last of which went on
 
     @property
     def iou_estimate(self) -> float:

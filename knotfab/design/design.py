@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.budget import (
@@ -118,9 +117,9 @@ def plan_searches(
 ) -> Steps[Design]:
     """Plan the searches of one design, as `design_knots` makes them.
 
-    The first starts from a filling, on as many arches as its legs need there and after the coarse phase.
-    Others follow on what it lacks: sides that keep their order where a strand stands out, more arches where a
-    leg is braced by none all the same, sparser strands where a limit is broken.
+    The first starts from a filling, on as many arches as its legs need. Others follow on what it lacks: sides
+    that keep their order where a strand stands out, more arches where a leg is braced by none all the same,
+    sparser strands where a limit is broken.
 
     Args:
         why: why this design is made after another one.
@@ -156,10 +155,6 @@ def plan_searches(
         pose, settings = _free_views(question, radius, settings)
         pace = None if budget is None else Pace(budget.search_s)
         stands = stands and pace is None
-
-        def amend(begun: Start, curves: Sequence[Array]) -> Start | None:
-            return start_on_more_legs(problem, begun, radius, curves)
-
         first = Search(
             _name_search(question, radius),
             problem,
@@ -171,13 +166,11 @@ def plan_searches(
                 "pose": pose,
                 "pace": pace,
                 "device": device,
-                "amend": amend if stands and settings.method == "flow" else None,
                 "watch": progress.show,
                 "report": progress.update if progress.watched else None,
             },
         )
         result: SearchResult = yield first
-        start = result.starts[-1]
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
@@ -188,9 +181,10 @@ def plan_searches(
                 result.add_work(again)
             else:
                 again.add_work(result)
-                start, result = again.starts[-1], again
+                start, result = parted, again
         for _ in range(_BRACINGS if stands else 0):
-            braced = amend(start, [knot.points for knot in result.knots.knots])
+            curves = [knot.points for knot in result.knots.knots]
+            braced = start_on_more_legs(problem, start, radius, curves)
             if braced is None:
                 break
             what, why = (
@@ -201,7 +195,7 @@ def plan_searches(
             if result.feasible and not again.feasible:
                 break
             again.add_work(result)
-            start, result = again.starts[-1], again
+            start, result = braced, again
         unmet = None if result.feasible else result
         if unmet is not None:
             result = (yield from plan_sparser(problem, radius, knots, settings)) or unmet

@@ -27,8 +27,6 @@ from knotfab.search.objective import Chamfer, Pose, Term, Weights
 from knotfab.search.state import SearchState, begin_search, resample_state, run_phase
 from knotfab_formats.search import SearchSettings
 
-Amend = Callable[[Start, Sequence[Array]], Start | None]
-_STARTS = 5  # coarse phases at most of one search
 _SEEN_EVERY = 10  # iterations between measurements of the reported IoU
 # iterations of each phase that brings a far start near, whatever the time budget
 _APPROACH_ITERATIONS = 80
@@ -46,7 +44,6 @@ def search(
     plan: Plan | None = None,
     log: CertificateLog | None = None,
     pace: Pace | None = None,
-    amend: Amend | None = None,
     device: str = "cpu",
     report: Report | None = None,
     watch: Watch | None = None,
@@ -63,8 +60,6 @@ def search(
         pose: the free pose of one view, or free directions of several. It is found in all phases but the
             last, before which the knots are turned into the axes of a single view.
         pace: sets the iterations of each phase by the clock; None: as the settings say.
-        amend: gets the start and what the coarse phase has made of it; where it returns another start, the
-            coarse phase begins again there.
         log: the certified steps that led to the start, to be continued.
         device: where the paper's network runs: "cpu" or "cuda".
         plan: replaces the one that follows from the settings and the number of views.
@@ -75,15 +70,10 @@ def search(
         The result, feasible or not; it says which limit is violated, by how much and where.
     """
     plan = plan or plan_of(settings, 1 if problem.apart_mm is not None else len(problem.views))
-
-    def begin(start: Start) -> SearchState:
-        state = begin_search(
-            problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device
-        )
-        state.watch = watch
-        return state
-
-    starts, state = [start], begin(start)
+    state = begin_search(
+        problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device
+    )
+    state.watch = watch
     if pose is not None:
         pose.keep(state.points)
     done = 0.0  # share of the search
@@ -98,17 +88,12 @@ def search(
     if not plan.phases:
         _settle_pose(state)
         resample_state(state, settings.settle_edge_radii * state.radius)
-    tell = None if report is None else lambda part, iou: report(done + (1.0 - done) * part, iou)
-    begun = 0  # phases that are over
-    while amend is not None and not begun and len(starts) < _STARTS:
-        _run_phases(state, plan.phases, range(1), tell, pace)
-        other = amend(starts[-1], state.rings.split(state.points))
-        if other is None:
-            begun = 1
-        else:
-            starts.append(other)
-            state = begin(other)
-    _run_phases(state, plan.phases, range(begun, len(plan.phases)), tell, pace)
+    _run_phases(
+        state,
+        plan.phases,
+        None if report is None else lambda part, iou: report(done + (1.0 - done) * part, iou),
+        pace,
+    )
     _settle_pose(state)
     repair(state, plan)
     return SearchResult(
@@ -121,24 +106,17 @@ def search(
         tuple(v.view for v in state.problem.views),
         state.numbers,
         state.guards,
-        tuple(starts),
     )
 
 
 def _run_phases(
-    state: SearchState,
-    phases: tuple[Phase, ...],
-    numbers: range,
-    report: Report | None,
-    pace: Pace | None,
+    state: SearchState, phases: tuple[Phase, ...], report: Report | None, pace: Pace | None = None
 ) -> None:
-    """Run the phases of these numbers that have iterations, and resample the curves before each."""
+    """Run the phases that have iterations, and resample the curves before each."""
     settings = state.settings
-    total = sum(phase.iterations for phase in phases)
+    total, done = sum(phase.iterations for phase in phases), 0
     seen: float | None = None
-    done = sum(phase.iterations for phase in phases[: numbers.start])
-    for number in numbers:
-        phase = phases[number]
+    for number, phase in enumerate(phases):
         if number == len(phases) - 1:
             _settle_pose(state)
         if phase.iterations == 0:

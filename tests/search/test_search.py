@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -79,23 +78,6 @@ def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
 
 
 @pytest.mark.slow
-def test_a_start_that_is_amended_is_searched_as_if_it_had_been_the_first(problem: Problem) -> None:
-    short = QUICK.but(coarse_iterations=10, fine_iterations=5, settle_iterations=5)
-    start = make_start(problem, 3.0, short)
-    other = replace(start, curves=tuple(curve + [0.0, 0.3, 0.0] for curve in start.curves))
-    asked: list[int] = []
-
-    def amend(begun: Start, curves: Sequence[Array]) -> Start | None:
-        asked.append(len(curves))
-        return other if begun is start else None
-
-    found = search(problem, start, 3.0, short, amend=amend)
-    alone = search(problem, other, 3.0, short)
-    assert found.starts == (start, other) and asked == [1, 1]
-    np.testing.assert_array_equal(found.knots.knots[0].points, alone.knots.knots[0].points)
-    assert found.log == alone.log
-
-
 def test_an_impossible_bend_limit_is_told_with_its_place(problem: Problem) -> None:
     stiff = replace(problem, bend_radius=60.0)
     result = start_and_search(stiff, 4.0, QUICK, repairs=1)
