@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from knotfab.base.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.legs import Leg, find_legs, peaks_of, plan_bars
 from knotfab.plan import Search, Steps
@@ -299,13 +299,12 @@ def start_on_more_legs(
 
     An arch with a leg of the first kind becomes two. A flat leg, whose strand is too long for its height,
     gets a low arch before it. New legs are looked at in turn, and the best of the rounds counts. Strands
-    move along the light's rays, so what is simple seen from the light stays so. Where a knot is tied in,
-    strands must keep their order: None.
+    move along the light's rays, but for those that cross others as seen from there: knots keep their types.
 
     Args:
         found: the curves [(n, 3)] that a search made of the start's, whose legs are looked at first.
     """
-    if not problem.arched or set(start.types) != {"unknot"}:
+    if not problem.arched:
         return None
     axes = problem.views[0].axes
     curves, best = [curve @ axes.T for curve in start.curves], None
@@ -339,6 +338,7 @@ def _add_arches(
     _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), hidden)
     curves, plans, flat = list(curves), [lower(curve, light) for curve in curves], 0
     floor = min(float(curve[:, 2].min()) for curve in curves)
+    crossing = _find_crossings(plans)
     changed = set[tuple[int, int]]()
 
     def place(leg: Leg, end: int) -> int:
@@ -348,7 +348,10 @@ def _add_arches(
         return int(np.linalg.norm(away, axis=1).argmin())
 
     def change(leg: Leg, at: int, height: Array | None) -> None:
-        if height is not None:
+        if height is None:
+            return
+        before = curves[leg.curve][:, 2] - floor
+        if np.array_equal(height[crossing[leg.curve]], before[crossing[leg.curve]]):
             curves[leg.curve] = lift(plans[leg.curve], height + floor, light)
             changed.add((leg.curve, at))
 
@@ -368,6 +371,20 @@ def _add_arches(
             heights = curves[leg.curve][:, 2] - floor
             change(leg, high, _add_arch(heights, plans[leg.curve], low, high, share, radius))
     return len(lacking) + flat, curves if changed else None
+
+
+def _find_crossings(plans: list[Array]) -> list[Mask]:
+    """Mark the vertices of closed curves [(n, 2)] at the ends of edges that cross or touch others."""
+    after = [np.roll(plan, -1, axis=0) for plan in plans]
+    ends = np.stack([np.concatenate(plans), np.concatenate(after)], axis=1)
+    numbers = np.split(np.arange(len(ends)), np.cumsum([len(plan) for plan in plans])[:-1])
+    following = np.concatenate([np.roll(own, -1) for own in numbers])
+    edges = shapely.linestrings(ends)
+    one, other = shapely.STRtree(edges).query(edges, predicate="intersects")
+    apart = (one != other) & (following[one] != other) & (following[other] != one)
+    crossed = np.zeros(len(edges), dtype=bool)
+    crossed[one[apart]] = True
+    return [crossed[own] | np.roll(crossed[own], 1) for own in numbers]
 
 
 def _shares_of(way: Array) -> Array:
