@@ -24,6 +24,7 @@ from knotfab.picture.silhouette import (
 from knotfab_formats.errors import InputError
 from knotfab_formats.views import Box, Reading
 
+UNSURE = "what is meant is unsure"
 _SIDE = 320  # px of the longer side at which readings are compared
 _SHARED = 0.5  # IoU below which two readings show different things
 _LIKELY = 0.5  # score of another reading, as a share of that of the reading taken, that counts
@@ -64,9 +65,7 @@ def tell_other_reading(image: Image.Image, mask: Mask) -> tuple[str, ...]:
             best, shared, likely = ink, alike, score
     if best is None:
         return ()
-    return (
-        f"what is meant is unsure: --ink {best} reads it otherwise, and shares {shared:.0%} with this",
-    )
+    return (f"{UNSURE}: --ink {best} reads it otherwise, and shares {shared:.0%} with this",)
 
 
 def _read_otherwise(image: Image.Image) -> Iterator[tuple[str, Mask]]:

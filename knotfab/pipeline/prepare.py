@@ -21,6 +21,7 @@ from knotfab.design.frames import (
     widen_targets,
 )
 from knotfab.picture.colours import is_photo
+from knotfab.picture.doubt import UNSURE
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
 from knotfab.picture.raster import GLANCE, decode_shrunk, encode_mask
 from knotfab.picture.read import Target, name_targets, read_targets
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
     from knotfab.design.agree import Agreement
     from knotfab.design.survey import Survey
     from knotfab.picture.lamps import Separation
+
+_SCATTERED = 12  # pieces, crumbs aside, of a photograph of which another reading draws others
 
 
 def prepare_build(
@@ -302,7 +305,12 @@ def _survey(call: _Call, sequence: bool, printing: bool, choose: bool = True) ->
     from knotfab.design.survey import survey
 
     scene = call.scene.but(piece=call.scene.piece.but(printed=printing))
-    found = _explain_photograph(survey(scene, call.targets, sequence, choose))
+    lost = len(call.targets) == 1 and _is_scattered(call.targets[0], scene)
+    found = survey(scene, call.targets, sequence, choose and not lost)
+    if lost:
+        parts = f"it has {found.views[0].pieces} pieces, and another reading draws others"
+        found = replace(found, refusal=SceneError(PICTURE, parts, ""))
+    found = _explain_photograph(found)
     bounds = call.agreed.bounds if call.agreed else ()
     return replace(found, bounds=bounds, told=call.told, parted=call.parted)
 
@@ -312,8 +320,21 @@ def _explain_photograph(found: Survey) -> Survey:
     error = found.refusal
     if error is None or error.what != PICTURE or len(found.views) > 1:
         return found
-    target = found.views[0].target
+    if not _is_photograph(found.views[0].target):
+        return found
+    why = f"it is a photograph, and no drawing: {error.why}"
+    remedy = "Lift its subject out (a phone or rembg does in one tap), and bring the PNG with transparency"
+    return replace(found, refusal=SceneError(error.what, why, remedy))
 
+
+def _is_scattered(target: Target, scene: ResolvedScene) -> bool:
+    """Return whether a picture is a photograph of which no reading draws one thing."""
+    unsure = any(note.startswith(UNSURE) for note in target.notes)
+    asked = "unrecognisable" in scene.accuracy.accept
+    return unsure and not asked and target.pieces > _SCATTERED and _is_photograph(target)
+
+
+def _is_photograph(target: Target) -> bool:
     def look() -> bool:
         given = target.given
         return (
@@ -322,11 +343,7 @@ def _explain_photograph(found: Survey) -> Survey:
             and is_photo(decode_shrunk(given.data, target.shown, GLANCE)[0])
         )
 
-    if not run_limited(look, target.shown, seconds=SECONDS):
-        return found
-    why = f"it is a photograph, and no drawing: {error.why}"
-    remedy = "Lift its subject out (a phone or rembg does in one tap), and bring the PNG with transparency"
-    return replace(found, refusal=SceneError(error.what, why, remedy))
+    return run_limited(look, target.shown, seconds=SECONDS)
 
 
 def _is_printed(options: BuildOptions, scene: ResolvedScene) -> bool:

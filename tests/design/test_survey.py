@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 from questions import ask_views
+from scipy.ndimage import gaussian_filter
 from shapely import MultiPolygon, Point
 
+from benchmarks.brought.photos import backlit
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.cli.commands import app
 from knotfab.design import radius
+from knotfab.design import survey as surveying
 from knotfab.design.candidates import Guess, guess_print
 from knotfab.design.design import choose_tube
 from knotfab.design.frames import frame_view, widen_targets
@@ -29,7 +32,7 @@ from knotfab.picture.raster import GLANCE
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
 from knotfab.pipeline.options import BuildOptions
-from knotfab.pipeline.prepare import prepare_build, survey_pictures
+from knotfab.pipeline.prepare import _is_scattered, prepare_build, survey_pictures
 from knotfab.problem import Start
 from knotfab.report.pictures import draw_survey
 from knotfab.scene.catalogue import resolve
@@ -376,6 +379,26 @@ def test_a_build_to_print_says_and_refuses_what_a_preview_says(tmp_path: Path) -
         with pytest.raises(SceneError) as caught:
             prepare_build([path], options, "", Progress("quiet"))
         assert caught.value.why == found.refusal.why
+
+
+@pytest.mark.slow
+def test_a_photograph_that_shows_no_one_thing_is_refused_before_a_tube_is_sought(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has fewer parts than are tried, and tubes that draw most of them."""
+    grain = np.random.default_rng(1).normal(0, 1, (450, 600, 3))
+    blurred = gaussian_filter(grain, (10, 10, 0))
+    levels = (45 * blurred / blurred.std() + 128).clip(0, 255).astype(np.uint8)
+    path = tmp_path / "noise.jpg"
+    Image.fromarray(levels).save(path, quality=90)
+    backlit().convert("RGB").save(tmp_path / "backlit.jpg")
+    assert not _is_scattered(read_target(tmp_path / "backlit.jpg"), resolve(Scene()))
+    accepted = resolve(Scene(accuracy=Accuracy(accept=("unrecognisable",))))
+    assert not _is_scattered(read_target(path), accepted)
+    monkeypatch.setattr(surveying, "choose_radius", None)
+    refused = survey_pictures([str(path)], BuildOptions()).refusal
+    assert refused is not None and "it is a photograph" in refused.why
+    assert "Lift its subject" in refused.remedy
 
 
 def test_strokes_on_which_no_piece_stands_are_promised_with_supports(tmp_path: Path) -> None:
