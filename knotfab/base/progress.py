@@ -15,11 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO
 
-from knotfab.base.terminal_bar import make_bar
-
 if TYPE_CHECKING:
     import rich.progress
-    import rich.text
 
     from knotfab_formats.scene import ResolvedView
 
@@ -139,7 +136,7 @@ class Progress:
     def __enter__(self) -> Progress:
         _ENTERED.append(self)
         if self.draws:
-            self._bar = make_bar(self._stream, self._remaining, lambda: self._picture)
+            self._bar = _make_bar(self._stream, self._remaining, lambda: self._picture)
             self._bar.start()
         if self.mode == "verbose":
             _log.addHandler(self._shown)
@@ -371,6 +368,38 @@ class Progress:
         done = sum(self.timings.values()) + ran
         self._most = max(self._most, done / max(done + left, 1e-9))
         return self._most, round(left, 1)
+
+
+def _make_bar(
+    stream: TextIO, remaining: Callable[[], str], picture: Callable[[], str]
+) -> rich.progress.Progress:
+    from rich.console import Console, RenderableType
+    from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+    from rich.text import Text
+
+    class Remaining(ProgressColumn):
+        max_refresh = 0.5
+
+        def render(self, task: Task) -> Text:
+            return Text(remaining(), style="progress.remaining")
+
+    class Below(Progress):
+        """The bar, and a picture below it."""
+
+        def get_renderables(self) -> Iterator[RenderableType]:
+            yield from super().get_renderables()
+            if drawn := picture():
+                yield Text(drawn, no_wrap=True, overflow="crop")
+
+    return Below(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=32),
+        Remaining(),
+        TextColumn("{task.fields[iou]}"),
+        console=Console(file=stream),
+        transient=True,
+    )
 
 
 def say_everywhere(text: str) -> None:
