@@ -115,9 +115,20 @@ COLUMNS: dict[str, Callable[[Report], float | str]] = {
 }
 """What is read from report.json, by the column's name."""
 # columns that come from the build's process, and from that of a preview: its seconds and what it promises
-PROMISES = ("preview_s", "said_holder", "said_mm", "said_g", "said_h", "g_off", "h_off", "same")
+PROMISES = (
+    "preview_s",
+    "said_holder",
+    "said_mm",
+    "said_g",
+    "said_h",
+    "said_told",
+    "g_off",
+    "h_off",
+    "same",
+)
 PROCESS = ("code", "cpu_s", "wall_s", "peak_mb", *PROMISES)
 _SAME = 0.05  # relative difference of radii that nobody sees
+_TOLD_NEAR = 0.15  # of what the unlit piece tells
 _NEAR = 0.12  # a promise of grams or hours that is off by so much is kept
 
 
@@ -220,7 +231,7 @@ TABLES = {
             "g_off",
             "hours",
         )
-        + ("said_h", "h_off", "told", "preview_s", "same", "warned"),
+        + ("said_h", "h_off", "told", "said_told", "preview_s", "same", "warned"),
         names=_promised,
     ),
     "supports": Table(
@@ -309,14 +320,18 @@ def ask_preview(files: list[str], options: tuple[str, ...]) -> Row:
         return row
     told = json.loads(done.stdout)
     row |= {"said_holder": told["holder"], "said_mm": told["tube_radius_mm"]}
-    return row | {"said_g": told["guess"]["mass_g"], "said_h": told["guess"]["hours"]}
+    guess = {"said_told": told["guess"]["told"]} if told["guess"]["told"] else {}
+    return row | guess | {"said_g": told["guess"]["mass_g"], "said_h": told["guess"]["hours"]}
 
 
 def compare_promise(promise: Row, report: Report | None) -> Row:
-    """Return by how much grams and hours are off, and whether all that was promised is what came."""
+    """Return by how much grams and hours are off, and whether all that was promised is what came.
+
+    Nothing is promised of what an unlit piece tells where builds differ too much.
+    """
     if report is None or "said_g" not in promise:
         return {}
-    came = read_row(("grams", "hours", "radius_mm"), {}, report)
+    came = read_row(("grams", "hours", "radius_mm", "told"), {}, report)
     pairs = (
         ("g_off", "said_g", "grams"),
         ("h_off", "said_h", "hours"),
@@ -325,6 +340,8 @@ def compare_promise(promise: Row, report: Report | None) -> Row:
     off = {k: float(promise[said]) / float(came[had]) - 1 for k, said, had in pairs if had in came}
     plate = (report["print"].get("mount") or {}).get("plate") or "none"
     same = plate in str(promise["said_holder"]) and abs(off.pop("", 0.0)) < _SAME
+    told = abs(float(promise.get("said_told", "nan")) - float(came.get("told", "nan")))
+    same &= not told > _TOLD_NEAR
     return {**off, "same": float(same and all(abs(one) <= _NEAR for one in off.values()))}
 
 

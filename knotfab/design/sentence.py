@@ -47,6 +47,7 @@ def describe(found: Survey) -> list[str]:
         _describe_tube(found),
         *_describe_small(found),
         _describe_piece(found),
+        *_describe_told(found),
         *_describe_margin(found),
         *_describe_outsized(found),
         *told,
@@ -149,6 +150,15 @@ def _describe_piece(found: Survey) -> str:
     return f"{text}: about {_round(guess.mass_g, 'g')}{hours}{without}{each}."
 
 
+def _describe_told(found: Survey) -> list[str]:
+    """Say how well the picture is read from the unlit piece; no line where builds differ too much."""
+    told = found.guess.told if found.chosen and found.scene.piece.printed else None
+    if told is None:
+        return []
+    word = "is read" if told == 1 else "may be guessed"
+    return [f"  Unlit, its picture {word} from aside (told some {told:g})."]
+
+
 def _describe_margin(found: Survey) -> list[str]:
     """Say that a drawing is much smaller than its picture, such as a sheet, and how to size it alone."""
     seen = found.views[0]
@@ -235,7 +245,7 @@ def list_figures(found: Survey) -> dict[str, Any]:
         "tube_radius_mm": found.radius_mm,
         "holder": hold_of(found.scene),
         "supports": not guess.alone,
-        "guess": {"mass_g": round(guess.mass_g, 1), "hours": guess.hours},
+        "guess": {"mass_g": round(guess.mass_g, 1), "hours": guess.hours, "told": guess.told},
         "refusal": None if error is None else f"{error.why}. {error.remedy}",
         "lines": describe(found),
     }

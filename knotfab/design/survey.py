@@ -16,6 +16,7 @@ from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import (
     FILLET_MM,
+    LENGTH_ARCHED,
     PICTURE,
     Guess,
     drawing_radius,
@@ -41,13 +42,15 @@ from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.lift import refuse_doubled
 from knotfab.start.start import make_template
-from knotfab_formats.piece import Mount, Piece
+from knotfab_formats.piece import Piece
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
 GUESSED = 1.12  # over a limit, by as much as guesses are off
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
-_ROOTS = 0.12  # area of roots over the square of the picture's longer side, as built: .105 to .155
+_ROOTS = (
+    0.075  # area of roots over the square of the picture's longer side, by how much arches lengthen
+)
 _BESIDE_MM = 6.5  # beside the picture, of a rounded plate: about feet at its edge
 _SPARE = 0.3  # tolerance of a simplified outline, px
 _BLOBS = 0.3  # share of strokes that run together, above which they are no drawing
@@ -171,7 +174,7 @@ def survey(
         radius,
         first.pieces,
         template,
-        _outline_mm2(first, scene.mount),
+        _outline_mm2(first, scene),
     )
     if refusal is None and scene.piece.printed:
         refusal = refuse_price(guess, scene.piece, first.view.longer_mm)
@@ -289,12 +292,14 @@ def _without_specks(polygon: MultiPolygon, least: float) -> MultiPolygon:
     return plain if isinstance(plain, MultiPolygon) else MultiPolygon([plain])
 
 
-def _outline_mm2(seen: ViewSurvey, mount: Mount) -> float:
+def _outline_mm2(seen: ViewSurvey, scene: ResolvedScene) -> float:
     """Guess the area of roots, or return that of a plate about the picture; infinite for another one."""
+    mount = scene.mount
     x0, y0, x1, y1 = np.array(seen.polygon.bounds) * seen.wall_mm_per_px
     if mount.plate == "roots":
         area = float(seen.polygon.area) * seen.wall_mm_per_px**2
-        return min(area, _ROOTS * float(max(x1 - x0, y1 - y0)) ** 2)
+        roots = _ROOTS * LENGTH_ARCHED[scene.accuracy.name]
+        return min(area, roots * float(max(x1 - x0, y1 - y0)) ** 2)
     if mount.plate == "rounded":
         return float((x1 - x0 + 2 * _BESIDE_MM) * (y1 - y0 + 2 * _BESIDE_MM))
     if mount.plate != "outline":

@@ -180,9 +180,17 @@ def test_a_promise_is_kept_where_all_of_it_came() -> None:
             "mount": {"kind": "wall", "plate": "roots"},
         },
         "settings": {"tube_radius_mm": 2.0},
+        "views": [{"told": {"worst": {"share": 0.5}}}],
     }
     assert compare_promise(promise, came) == {"g_off": 0.0, "h_off": 0.0, "same": 1.0}
-    for other in ({"said_g": 57.0}, {"said_h": 4.3}, {"said_mm": 2.2}, {"said_holder": "on pegs"}):
+    assert compare_promise({**promise, "said_told": 0.45}, came)["same"] == 1.0
+    for other in (
+        {"said_told": 1.0},
+        {"said_g": 57.0},
+        {"said_h": 4.3},
+        {"said_mm": 2.2},
+        {"said_holder": "on pegs"},
+    ):
         assert compare_promise({**promise, **other}, came)["same"] == 0.0
     assert compare_promise({"preview_s": 3.0}, came) == compare_promise(promise, None) == {}
 
