@@ -117,7 +117,11 @@ ALONE = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", ALONE)
+@pytest.mark.parametrize(
+    "code",
+    # import-linter knows what the fixtures import, and a modeller takes seconds to load
+    [pytest.param(c, marks=[pytest.mark.study] * ("fixtures" in c)) for c in ALONE],
+)
 def test_what_needs_no_library_loads_none(code: str) -> None:
     whole = f"import sys\n{code}\nprint([m for m in {ALONE[code]} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", whole], capture_output=True, text=True, check=True)
