@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shlex
 import shutil
 from functools import cache
@@ -19,7 +20,7 @@ from pages import open_browser
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from knotfab.apps.compare.compare import advise, compare_photo
+from knotfab.apps.compare.compare import advise, compare_photo, write_comparison
 from knotfab.apps.compare.rectify import find_lamp, find_marks, homography, map_points
 from knotfab.base.arrays import Array, Mask
 from knotfab.knots import Knot, Knots
@@ -342,6 +343,27 @@ def test_a_frame_of_a_sequence_is_compared_by_its_name(folder: Path, tmp_path: P
     for name, why in ((None, "it is a sequence"), ("frame-03", "has no such frame")):
         with pytest.raises(InputError, match=f"{why}.*--view frame-01 to frame-02"):
             compare_photo(photo, walk, words(), name)
+
+
+def test_what_a_refusal_suggests_does(folder: Path, tmp_path: Path) -> None:
+    """Four corners in the order that it asks for, a view that it names, a file in PNG."""
+    photo = photograph(tmp_path / "photo.png")
+
+    def remedy(*asked: str, view: str | None = None) -> str:
+        with pytest.raises(InputError) as caught:
+            compare_photo(photo, folder, list(asked) or None, view)
+        return caught.value.remedy
+
+    orders = [remedy(*words()[::-1]), remedy("1,2", "3,4"), remedy()]
+    assert all("x,y" in order for order in orders)
+    (known,) = re.findall(r"It has: (\w+)\.", remedy(*words(), view="back"))
+    with pytest.raises(InputError) as caught:
+        write_comparison(compare_photo(photo, folder, words(), known), tmp_path / "a.jpg")
+    (suffix,) = re.findall(r"file in (\.\w+)\.", caught.value.remedy)
+    drawn = (tmp_path / "a").with_suffix(suffix)
+    write_comparison(compare_photo(photo, folder, words(), known), drawn)
+    with Image.open(drawn) as picture:
+        assert picture.format == "PNG"
 
 
 @pytest.mark.slow
