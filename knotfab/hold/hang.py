@@ -72,6 +72,9 @@ MOST_POSTS = 4  # posts from strands to an eyelet
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 # each about the centre of mass of the one before, with a post more where that sags too much
 _PLANS = 4
+_UNSEEN = (
+    0.0001  # share of a frame up to which a pair lies in all pictures' shadows, or beside them
+)
 _DARKER = 0.001  # share of a frame that two threads may darken beyond what one does
 _TURNED_PX = 512  # longer side of the frame in which a turned piece is compared
 _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add
@@ -102,7 +105,8 @@ def plan_hang(
     """Choose struts, posts and eyelets for knots in scene coordinates (gravity: -y).
 
     The knots are joined to one piece. Two eyelets are tried where it must not turn, the pair that shows
-    least first, and one where no two hold it.
+    least first, and one where no two hold it. For several pictures pairs are tried until one lies in the
+    shadow of all of them, or beside them; where none does, the one that darkens least is taken.
 
     Args:
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole frame.
@@ -139,12 +143,15 @@ def plan_hang(
         if found[-1].sag_mm <= stiffness.max_sag_mm:
             if len(cameras) == 1:
                 return found[-1]
-            break
+            if found[-1].predicted_intrusion.max() <= _UNSEEN:
+                break
+    steady = [one for one in found if one.sag_mm <= stiffness.max_sag_mm]
     try:
         single = work.plan(np.zeros((1, 3)))
-        if found and found[-1].sag_mm <= stiffness.max_sag_mm:
-            darker = found[-1].predicted_intrusion.max() - single.predicted_intrusion.max()
-            return found[-1] if darker <= _DARKER else single
+        if steady:
+            pair = min(steady, key=lambda one: float(one.predicted_intrusion.max()))
+            darker = pair.predicted_intrusion.max() - single.predicted_intrusion.max()
+            return pair if darker <= _DARKER else single
         if single.sag_mm <= stiffness.max_sag_mm or not found:
             return single
     except SceneError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ import trimesh
 from pieces import EMPTY, PLA, RADIUS, camera, knots, ring
 from tables import some
 
-from knotfab.base.arrays import Mask
+from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep
 from knotfab.hold.beams import hold_by_threads
@@ -20,6 +21,7 @@ from knotfab.hold.hang import (
     MOST_POSTS,
     TURN_LOSS,
     HangMount,
+    _Hanger,
     hang_bodies,
     let_swing,
     lost_by_turning,
@@ -89,6 +91,29 @@ def test_several_views_hang_on_two_threads_where_a_turn_costs_their_pictures() -
     assert lost_by_turning(ONE, views, [EMPTY, EMPTY]) == 0
     shadows = [shadow_of(ONE, view) for view in views]
     assert len(plan_hang(ONE, views, shadows, 0.4, PLA, 0.8).eyelets) == 2
+
+
+@pytest.mark.parametrize(
+    ("crossing", "taken"), [((0.004, 0.0), 1), ((0.004, 0.002), 1), ((0.0,), 0)]
+)
+def test_of_pairs_that_hold_two_pictures_one_is_taken_that_crosses_none(
+    crossing: tuple[float, ...], taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or the one that crosses least; pairs after one that crosses none are not planned."""
+    views = [camera(), camera(azimuth_deg=90.0)]
+    shadows = [shadow_of(ONE, view) for view in views]
+    made = plan(False, 1)
+    planned: list[HangMount] = []
+
+    def stand_in(_: object, offsets: Array) -> HangMount:
+        share = crossing[len(planned)] if len(offsets) == 2 else 0.01
+        planned.append(replace(made, sag_mm=0.0, predicted_intrusion=np.array([0.0, share])))
+        return planned[-1]
+
+    monkeypatch.setattr(_Hanger, "plan", stand_in)
+    monkeypatch.setattr(_Hanger, "list_pairs", lambda *_: [np.zeros((2, 3))] * len(crossing))
+    assert plan_hang(ONE, views, shadows, 0.4, PLA, 0.8) is planned[taken]
+    assert len(planned) == len(crossing) + 1
 
 
 def shadow_of(piece: Knots, view: Camera) -> Mask:
