@@ -60,7 +60,7 @@ from knotfab_formats.scene import (
 from knotfab_formats.search import SearchSettings
 
 START_FILE = "start.json"
-_BRACINGS = 3  # further searches at most for legs that all have a neighbour
+_BRACINGS = 3  # searches at most for legs that all have a neighbour
 
 
 @dataclass(frozen=True, repr=False)
@@ -117,9 +117,8 @@ def plan_searches(
 ) -> Steps[Design]:
     """Plan the searches of one design, as `design_knots` makes them.
 
-    The first starts from a filling, on as many arches as its legs need. Others follow on what it lacks: sides
-    that keep their order where a strand stands out, more arches where a leg is braced by none all the same,
-    sparser strands where a limit is broken.
+    The first starts from a filling, the others from what it lacks: sides that keep their order where a strand
+    stands out, more arches where a leg is braced by none, sparser strands where a limit is broken.
 
     Args:
         why: why this design is made after another one.
@@ -138,10 +137,6 @@ def plan_searches(
     question, radius, start, choice = choose_tube(question, settings, progress, budget)
     problem, knots = question.problem, question.scene.piece.knots
     _tell_scene(progress, question, radius)
-    stands = problem.arched and not settings.start  # given knots may cross as seen from the light
-    if stands:
-        with progress.stage("template"):
-            start = start_on_more_legs(problem, start, radius) or start
     settings = refine_settings(question, settings, radius)
     if budget is not None and settings.method != "flow":
         with progress.stage("calibrate"):
@@ -154,7 +149,6 @@ def plan_searches(
     with progress.stage("search"):
         pose, settings = _free_views(question, radius, settings)
         pace = None if budget is None else Pace(budget.search_s)
-        stands = stands and pace is None
         first = Search(
             _name_search(question, radius),
             problem,
@@ -174,7 +168,6 @@ def plan_searches(
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
-            parted = start_on_more_legs(problem, parted, radius) or parted
             what, why = "search from parted sides", "a strand stands out of the picture"
             again: SearchResult = yield replace(first, what=what, start=parted, why=why)
             if is_better(result, again):
@@ -182,7 +175,7 @@ def plan_searches(
             else:
                 again.add_work(result)
                 start, result = parted, again
-        for _ in range(_BRACINGS if stands else 0):
+        for _ in range(_BRACINGS if pace is None else 0):
             curves = [knot.points for knot in result.knots.knots]
             braced = start_on_more_legs(problem, start, radius, curves)
             if braced is None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -289,43 +288,35 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 # Legs: where a strand without supports ends up too far from all others for a bar, or too flat.
 
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
-_ROUNDS = 6  # at most, in which arches are added
 
 
 def start_on_more_legs(
-    problem: Problem, start: Start, radius: float, found: Sequence[Array] = ()
+    problem: Problem, start: Start, radius: float, found: Sequence[Array]
 ) -> Start | None:
-    """Add arches where a leg has no neighbour to brace it, or is too flat; None where that helps none.
+    """Add an arch for each leg that has no neighbour to brace it, or is too flat; None where none is amiss.
 
     An arch with a leg of the first kind becomes two. A flat leg, whose strand is too long for its height,
-    gets a low arch before it. New legs are looked at in turn, and the best of the rounds counts. Strands
-    move along the light's rays, but for those that cross others as seen from there: knots keep their types.
+    gets a low arch before it. Strands move along the light's rays, but for those that cross others as seen
+    from there: knots keep their types.
 
     Args:
-        found: the curves [(n, 3)] that a search made of the start's, whose legs are looked at first.
+        found: the curves [(n, 3)] that a search made of the start's, whose legs are looked at.
     """
     if not problem.arched:
         return None
     axes = problem.views[0].axes
-    curves, best = [curve @ axes.T for curve in start.curves], None
-    looked, fewest = [curve @ axes.T for curve in found] or curves, inf
-    for number in range(_ROUNDS + 1):
-        amiss, more = _add_arches(problem, looked, curves, radius)
-        if looked is curves and amiss < fewest:
-            fewest, best = amiss, curves if number else None
-        if more is None:
-            break
-        looked = curves = more
-    return None if best is None else replace(start, curves=tuple(c @ axes for c in best))
+    looked, curves = ([curve @ axes.T for curve in some] for some in (found, start.curves))
+    more = _add_arches(problem, looked, curves, radius)
+    return None if more is None else replace(start, curves=tuple(c @ axes for c in more))
 
 
 def _add_arches(
     problem: Problem, looked: list[Array], curves: list[Array], radius: float
-) -> tuple[int, list[Array] | None]:
-    """Count the legs that are amiss of curves [(n, 3)], z to the light; also add an arch for each.
+) -> list[Array] | None:
+    """Add an arch for each leg that is amiss of curves [(n, 3)], z to the light; None where there is none.
 
     Args:
-        curves: what gets the arches: the same, or what these have come from.
+        curves: what gets the arches, and what the others have come from.
     """
     target = problem.views[0]
     light = target.view.light_distance_mm
@@ -336,7 +327,7 @@ def _add_arches(
 
     legs = find_legs(looked)
     _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), hidden)
-    curves, plans, flat = list(curves), [lower(curve, light) for curve in curves], 0
+    curves, plans = list(curves), [lower(curve, light) for curve in curves]
     floor = min(float(curve[:, 2].min()) for curve in curves)
     crossing = _find_crossings(plans)
     changed = set[tuple[int, int]]()
@@ -365,12 +356,11 @@ def _add_arches(
         rise = float(np.ptp(leg.points[:, 2]))
         along = float(np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum())
         if rise < along * np.tan(np.radians(_FLATTEST_DEG)) and rise > MOST_BRIDGE_MM:
-            flat += 1
             share = 0.5 * (along * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
             low, high = place(leg, 0), place(leg, -1)
             heights = curves[leg.curve][:, 2] - floor
             change(leg, high, _add_arch(heights, plans[leg.curve], low, high, share, radius))
-    return len(lacking) + flat, curves if changed else None
+    return curves if changed else None
 
 
 def _find_crossings(plans: list[Array]) -> list[Mask]:

@@ -39,7 +39,7 @@ def ask(
         arched=arched, views=(target,), leg_modulus_mpa=lambda radius: PLA
     )
     start = Start((curve if begun is None else begun,), "a circle", types)
-    return start_on_more_legs(problem, start, RADIUS, () if begun is None else (curve,))
+    return start_on_more_legs(problem, start, RADIUS, (curve,))
 
 
 def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:
@@ -70,17 +70,14 @@ def test_the_arch_that_sways_is_halved_however_the_search_lengthened_others() ->
     assert after[400:600, 2].max() == pytest.approx(0.0, abs=1.0)
 
 
-@pytest.mark.parametrize(
-    ("height", "around", "times"), [(80.0, 30.0, 2), (160.0, 60.0, 4), (320.0, 100.0, 8)]
-)
-def test_halving_goes_on_until_no_leg_lacks_a_neighbour(
-    height: float, around: float, times: int
-) -> None:
-    curve = ring(3, height, around)
-    start = ask(curve)
-    assert start is not None
-    assert len(find_legs([start.curves[0]])) == times * len(find_legs([curve]))
-    assert not len(plan_bars(find_legs([start.curves[0]]), RADIUS, PLA)[1])
+def test_halving_goes_on_until_no_leg_lacks_a_neighbour() -> None:
+    curve = ring(3, 80.0)
+    for _ in range(3):
+        start = ask(curve)
+        if start is None:
+            break
+        curve = start.curves[0]
+    assert start is None and not len(plan_bars(find_legs([curve]), RADIUS, PLA)[1])
 
 
 @pytest.mark.parametrize("arches", [2, 3])
