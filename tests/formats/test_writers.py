@@ -36,7 +36,7 @@ ALLOWED = {
             *(
                 "part/slicer_profile.py:write_profile",
                 "pipeline/plan.py:_draw",
-                "pipeline/plan.py:Workshop.finish",
+                "pipeline/plan.py:Workshop.finish.draw_by_day",
             ),
             *(
                 "part/write.py:write_glb",
