@@ -21,11 +21,8 @@ USUAL_LAYERS = 3  # that PrusaSlicer prints solid at a top and a bottom
 # what it fills of its own accord: sections smaller than these mm²; profiles before 2.0 left it so
 USUAL_FILLED_MM2 = 70.0
 BRIM_MM = 3.0
-FIRST_MM_S, TOP_MM_S, SOLID_MM_S = (
-    20,
-    40,
-    60,
-)  # speeds of a first layer, a top one, and those between
+# speeds of a first layer, of a top one, and of solid ones between
+FIRST_MM_S, TOP_MM_S, SOLID_MM_S = 20, 40, 60
 RETRACT_MM, LIFT_MM = 0.8, 0.2  # filament drawn back, and the nozzle's lift, before a travel
 SUPPORT_LINE_NOZZLES = 0.9
 SPACING_MM = 4.0  # between the lines of supports

@@ -464,10 +464,8 @@ def test_faces_longer_than_centre_line_edges_are_the_strands() -> None:
         np.concatenate([bodies[0][1], bodies[1][1] + len(bodies[0][0])]),
     )
     both = Curves((fine, far), ("unknot",) * 2, (True,) * 2, 3.0)
-    for asked in (
-        None,
-        0.4,
-    ):  # faces that meet are nearest to places farther apart than a bend's sides
+    # faces that meet are nearest to places farther apart than a bend's sides
+    for asked in (None, 0.4):
         found = check_clearance(mesh, both, asked)
         assert found.status == "pass" and found.measured == pytest.approx(1.0, abs=0.5)
 
