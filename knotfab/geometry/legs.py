@@ -26,7 +26,7 @@ _MOST_SPARED = 1.5  # by one tie, of a leg
 _TRIED = 8  # points at the same height
 # cosine of the least angle between a bar and its strand: its end meets no surface sooner
 _ASLANT = 0.75
-_FINE_MM, _EVERY = 0.05, 10  # points along a bar, and each that is looked at for the shadow
+_FINE_MM, _EVERY = 0.05, 10  # points along a bar, and each whose sides are looked at for the shadow
 _BACK = 3  # points, from one place to the next
 _OWN_RADII = 5.0  # so near along its leg, a point is part of the strand that a bar ends in
 
@@ -56,9 +56,7 @@ class Bar:
 
     def make_body(self) -> Mesh:
         """Make the box."""
-        middle, half = self._axis()
-        along = half / np.linalg.norm(half)
-        side = 0.5 * BAR_MM[0] * np.array([-along[1], along[0], 0.0])
+        (middle, half), side = self._axis(), self.half_width()
         up = np.array([0.0, 0.0, 0.5 * BAR_MM[1]])
         corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
         vertices = [middle + i * half + j * side + k * up for k in (-1, 1) for i, j in corners]
@@ -67,6 +65,11 @@ class Bar:
             m = (n + 1) % 4
             faces += [[n, m, m + 4], [n, m + 4, n + 4]]
         return np.array(vertices), np.array(faces, dtype=np.int64)
+
+    def half_width(self) -> Array:
+        """Return the way (3,) from its axis to its left side."""
+        x, y, _ = (self.end - self.start) / np.linalg.norm(self.end - self.start)
+        return 0.5 * BAR_MM[0] * np.array([-y, x, 0.0])
 
     def _axis(self) -> tuple[Array, Array]:
         way = self.end - self.start
@@ -124,7 +127,7 @@ def plan_bars(
     that spares it and its neighbour the most further bars. A bar ends the free length of both.
 
     Args:
-        hidden: returns whether none of the points (n, 3) along a bar would show in a picture.
+        hidden: returns whether none of the points (n, 3) along both sides of a bar would show in a picture.
     """
     if not legs:
         return [], np.empty((0, 3))
@@ -184,7 +187,10 @@ def plan_bars(
             return None
         start, end = line[first], line[last]
         found = Bar(start, end, float(np.linalg.norm(end - start)))
-        if not _LEAST_MM <= found.gap_mm <= MOST_BAR_MM or not hidden(line[::_EVERY]):
+        if not _LEAST_MM <= found.gap_mm <= MOST_BAR_MM:
+            return None
+        looked, side = line[::_EVERY], found.half_width()
+        if not hidden(np.concatenate([looked + side, looked - side])):
             return None
         reach = 0.5 * found.gap_mm + radius
         beside = np.array(level.query_ball_point(0.5 * (start + end), reach), dtype=np.int64)

@@ -52,6 +52,26 @@ def test_bars_are_where_legs_would_sway_and_a_neighbour_is_near(
         assert bar.start[2] == bar.end[2] and bar.gap_mm <= MOST_BAR_MM
 
 
+@pytest.mark.parametrize(("seen_mm", "bars"), [(0.02, True), (-0.02, False)])
+def test_a_bar_is_hidden_in_all_its_width(seen_mm: float, bars: bool) -> None:
+    """What is looked at are the corners of the box that is printed, not its middle alone."""
+    inner, outer = (ring((1.6 * MOST,) * 3, across) for across in (60.0, 66.0 + 4 * RADIUS))
+    legs, most = find_legs([inner, outer]), 0.5 * BAR_MM[0] + seen_mm
+    free, _ = plan_bars(legs, RADIUS, PLA)
+    assert free
+    lines = [(bar.start, bar.half_width() / (0.5 * BAR_MM[0])) for bar in free]
+
+    def hidden(points: Array) -> bool:
+        """Whether they are within a strip along one of the bars."""
+        asides = [np.abs((points - start) @ left).max() for start, left in lines]
+        return bool(min(asides) <= most)
+
+    planned, _ = plan_bars(legs, RADIUS, PLA, hidden)
+    assert bool(planned) == bars
+    corners = [bar.make_body()[0] for bar in planned]
+    assert all(hidden(body) for body in corners)
+
+
 def test_where_the_best_place_has_no_neighbour_the_next_one_down_has_the_bar() -> None:
     """A low arch beside a tall one, and less steep, is near it below alone."""
     tall, low = ring((1.3 * MOST,) * 3, 60.0), ring((0.6 * MOST,) * 3, 60.0 + 4 * RADIUS + 4.0)
