@@ -151,7 +151,7 @@ mutations: system $(DONE)
 
 # what accuracy costs in time: whole builds of six pictures; an interrupted run goes on
 frontier: $(DONE)
-	$(BIN)/python -m benchmarks.frontier --write docs --time-limit 12m
+	$(BIN)/python -m benchmarks.frontier --write docs --time-limit 25m
 
 # renderers, losses, terms, network, certificates and bounds of effects searched for worse cases (an hour)
 worst-cases: $(DONE)

@@ -297,6 +297,7 @@ def draw(ways: Sequence[Way]) -> bytes:
     The line of a panel goes through all that nothing beats in its two costs; a mark's area is its grams.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     sound = sorted((way for way in ways if not way.failed), key=lambda way: way.seconds)
     panels = [("seconds", "seconds of a whole build"), ("hours", "hours to print")]
@@ -315,6 +316,10 @@ def draw(ways: Sequence[Way]) -> bytes:
         costs = [getattr(way, cost) for way in line]
         axes.step(costs, [w.error for w in line], where="post", color="#555555", zorder=0)
         axes.set(xlabel=name, ylabel="1 − IoU", yscale="log", xscale="log")
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5, 7)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
         axes.margins(0.1)
         axes.grid(True, which="both", linewidth=0.3, color="#cccccc")
     if sound:

@@ -40,6 +40,7 @@ def address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setattr("sys.executable", str(script))
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
+        listening.listen()  # so that a page that asks before the server runs waits for it
         host = f"127.0.0.1:{listening.getsockname()[1]}"
         app = make_app(Studio(tmp_path / "studio", warm=False), TOKEN, 0)
         server = uvicorn.Server(uvicorn.Config(app, log_level="error", timeout_graceful_shutdown=2))
