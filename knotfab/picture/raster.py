@@ -26,7 +26,7 @@ from knotfab_formats.views import MASK_MARK, Box, Reading
 
 SMALLEST_SIDE = 16
 LARGEST_SIDE = 8000
-GLANCE = 2048  # px of a longer side that are read of a picture; a verdict takes 1024
+GLANCE = 2048  # px of a longer side for a glance at a picture; a verdict takes 1024
 _LEAST = 200  # least px of a shorter side at a glance
 MARGIN = 0.06  # margin about a drawing, as a share of the frame's longer side
 

@@ -162,7 +162,7 @@ def survey_pictures(
         InputError: as for `prepare_build`.
     """
     progress = progress or Progress("quiet")
-    call = _read_call(pictures, options, progress)
+    call = _read_call(pictures, options, progress, glance=GLANCE)
     with progress.stage("preview"):
         return _survey_first(call, options.sequence, True)[1]
 
@@ -181,8 +181,10 @@ class _Call:
     parted: Separation | None = None  # the masks for lamps, of a picture in colours
 
 
-def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progress) -> _Call:
-    """Read scene and pictures of a call, in a size that is a build's and a preview's."""
+def _read_call(
+    pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int = 0
+) -> _Call:
+    """Read scene and pictures of a call; `glance` as for `read_target`."""
     scene, folder = read_scene(options)
     sources = _list_sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
@@ -196,7 +198,7 @@ def _read_call(pictures: Sequence[str], options: BuildOptions, progress: Progres
     scene, open_ = _place_views(scene, sources, options)
     _require(scene)
     with progress.stage("picture"):
-        targets = _read_pictures(scene, sources, options, base, not pictures)
+        targets = _read_pictures(scene, sources, options, base, not pictures, glance)
     scene, targets = _size(scene, targets, options)
     agreed: Agreement | None = None
     if len(scene.views) > 1:
@@ -270,13 +272,14 @@ def _read_pictures(
     options: BuildOptions,
     base: Path | None,
     named: bool,
+    glance: int,
 ) -> tuple[Target, ...]:
     """Read the pictures of views, or of frames; where the scene `named` them, with its titles."""
     if options.sequence:
         targets = read_frames(sources, scene.views[0], base=base, font=options.font)
         count_knots(targets, scene.piece.knots)  # refuses too many knots
         return targets
-    targets = read_targets(sources, scene.views, base=base, font=options.font, glance=GLANCE)
+    targets = read_targets(sources, scene.views, base=base, font=options.font, glance=glance)
     return name_targets(targets, scene.views) if named else targets
 
 

@@ -295,6 +295,8 @@ def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
         list_figures(survey(resolve(Scene()), [t]))["views"][0]["lost"][0] for t in found
     )
     assert glanced["at_px"] == pytest.approx(whole["at_px"], abs=15)
+    built = prepare_build([str(large)], BuildOptions(out=tmp_path / "out"), "", Progress("quiet"))
+    assert len(built.targets[0].mask) == 3 * SIDE  # a build keeps all of its pixels
     for key in ("length_mm", "thickness_mm"):
         assert glanced[key] == pytest.approx(whole[key], abs=0.25)
     rows, columns = np.nonzero(found[1].asked)
