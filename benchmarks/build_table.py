@@ -36,7 +36,9 @@ from benchmarks.on_paper import draw_photographs
 from benchmarks.small_pictures import line_pictures, small_pictures
 from examples.lamps.draw import PICTURES as COLOURED
 from examples.pictures import pictures
+from knotfab.design.survey import GUESSED
 from knotfab.picture.source import TEXT_PREFIX
+from knotfab.pipeline.finish import SAME_TUBE
 
 Report = Mapping[str, Any]
 Row = dict[str, float | str]
@@ -127,9 +129,7 @@ PROMISES = (
     "same",
 )
 PROCESS = ("code", "cpu_s", "wall_s", "peak_mb", *PROMISES)
-_SAME = 0.05  # relative difference of radii that nobody sees
-_TOLD_NEAR = 0.15  # of what the unlit piece tells
-_NEAR = 0.12  # a promise of grams or hours that is off by so much is kept
+_TOLD_NEAR = 0.15  # by how much a promise of what the unlit piece tells may be off
 
 
 def draw_sets(seed: int = 39) -> dict[int, list[str]]:
@@ -339,10 +339,10 @@ def compare_promise(promise: Row, report: Report | None) -> Row:
     )
     off = {k: float(promise[said]) / float(came[had]) - 1 for k, said, had in pairs if had in came}
     plate = (report["print"].get("mount") or {}).get("plate") or "none"
-    same = plate in str(promise["said_holder"]) and abs(off.pop("", 0.0)) < _SAME
+    same = plate in str(promise["said_holder"]) and abs(off.pop("", 0.0)) <= SAME_TUBE
     told = abs(float(promise.get("said_told", "nan")) - float(came.get("told", "nan")))
     same &= not told > _TOLD_NEAR
-    return {**off, "same": float(same and all(abs(one) <= _NEAR for one in off.values()))}
+    return {**off, "same": float(same and all(abs(one) <= GUESSED - 1 for one in off.values()))}
 
 
 def read_row(columns: tuple[str, ...], row: Row, report: Report | None) -> Row:

@@ -172,7 +172,7 @@ def test_the_page_names_each_place(kind: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_file_of_the_code_that_a_page_names_is_there(page: Path) -> None:
-    """Of whatever folder: pages leave out `knotfab/` and the like; NAME and NN stand for any."""
+    """Pages leave out `knotfab/` and the like; NAME stands for any."""
     named = set(re.findall(r"`([\w./-]+\.(?:py|js|j2|css))`", prose_of(page)))
     missing = {
         n for n in named if "NAME" not in n and not any(f"/{f}".endswith(f"/{n}") for f in CODE)

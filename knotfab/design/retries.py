@@ -304,20 +304,6 @@ def start_on_more_legs(
     """
     if not problem.arched:
         return None
-    axes = problem.views[0].axes
-    looked, curves = ([curve @ axes.T for curve in some] for some in (found, start.curves))
-    more = _add_arches(problem, looked, curves, radius)
-    return None if more is None else replace(start, curves=tuple(c @ axes for c in more))
-
-
-def _add_arches(
-    problem: Problem, looked: list[Array], curves: list[Array], radius: float
-) -> list[Array] | None:
-    """Add an arch for each leg that is amiss of curves [(n, 3)], z to the light; None where there is none.
-
-    Args:
-        curves: what gets the arches, and what the others have come from.
-    """
     target = problem.views[0]
     light = target.view.light_distance_mm
     shapely.prepare(target.polygon)
@@ -325,15 +311,16 @@ def _add_arches(
     def hidden(points: Array) -> bool:
         return bool(shapely.contains_xy(target.polygon, *lower(points, light).T).all())
 
-    legs = find_legs(looked)
+    legs = find_legs([curve @ target.axes.T for curve in found])
     _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), hidden)
-    curves, plans = list(curves), [lower(curve, light) for curve in curves]
+    curves = [curve @ target.axes.T for curve in start.curves]
+    plans = [lower(curve, light) for curve in curves]
     floor = min(float(curve[:, 2].min()) for curve in curves)
     crossing = _find_crossings(plans)
     changed = set[tuple[int, int]]()
 
     def place(leg: Leg, end: int) -> int:
-        """Find the vertex that is, or has become, an end of a leg: 0 in the valley or -1 on the peak."""
+        """Find the vertex of the start that has become an end of a leg, 0 in the valley or -1 on the peak."""
         # a search keeps the places in the picture, but lengthens some stretches more than others
         away = plans[leg.curve] - lower(leg.points[[end]], light)
         return int(np.linalg.norm(away, axis=1).argmin())
@@ -360,7 +347,7 @@ def _add_arches(
             low, high = place(leg, 0), place(leg, -1)
             heights = curves[leg.curve][:, 2] - floor
             change(leg, high, _add_arch(heights, plans[leg.curve], low, high, share, radius))
-    return curves if changed else None
+    return replace(start, curves=tuple(c @ target.axes for c in curves)) if changed else None
 
 
 def _find_crossings(plans: list[Array]) -> list[Mask]:

@@ -48,9 +48,8 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
 GUESSED = 1.12  # over a limit, by as much as guesses are off
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
-_ROOTS = (
-    0.075  # area of roots over the square of the picture's longer side, by how much arches lengthen
-)
+# area of roots over the square of the picture's longer side, by how much arches lengthen
+_ROOTS = 0.075
 _BESIDE_MM = 6.5  # beside the picture, of a rounded plate: about feet at its edge
 _SPARE = 0.3  # tolerance of a simplified outline, px
 _BLOBS = 0.3  # share of strokes that run together, above which they are no drawing

@@ -72,9 +72,8 @@ MOST_POSTS = 4  # posts from strands to an eyelet
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 # each about the centre of mass of the one before, with a post more where that sags too much
 _PLANS = 4
-_UNSEEN = (
-    0.0001  # share of a frame up to which a pair lies in all pictures' shadows, or beside them
-)
+# share of a frame up to which a pair lies in all pictures' shadows, or beside them
+_UNSEEN = 0.0001
 _DARKER = 0.001  # share of a frame that two threads may darken beyond what one does
 _TURNED_PX = 512  # longer side of the frame in which a turned piece is compared
 _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which posts and eyelets add

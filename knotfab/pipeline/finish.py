@@ -46,7 +46,7 @@ from knotfab_formats.verdict import Check, Verdict, View, exit_code
 from knotfab_validators.conclusion import tell_lowered
 from knotfab_validators.shadows.verdict_rules import worst_verdict
 
-_SAME_TUBE = 0.05  # relative difference of radii that nobody sees
+SAME_TUBE = 0.05  # relative difference of radii that nobody sees
 _TOLD_S = 0.5  # interval between progress messages on the slicer
 
 
@@ -203,7 +203,7 @@ def tell_unlike_preview(
     print_, holder, other = report.print, hold_of(scene), list[str]()
     if holder != promise.holder and promise.holder not in ("", OPEN_HOLDER):
         other.append(f"it is {holder}, and not {promise.holder}")
-    if abs(radius_mm / promise.radius_mm - 1.0) > _SAME_TUBE:
+    if abs(radius_mm / promise.radius_mm - 1.0) > SAME_TUBE:
         other.append(
             f"its tube is {2 * radius_mm:.1f} mm thick, and not {2 * promise.radius_mm:.1f} mm "
             f"(--tube-radius {promise.radius_mm:.2f} keeps to that)"
@@ -215,14 +215,15 @@ def tell_unlike_preview(
                 f"it takes {grams:.0f} g and {hours:.1f} h, and not {promise.grams:.0f} g and "
                 f"{promise.hours:.1f} h"
             )
-    whys = dict.fromkeys(one.why_next for one in report.attempts if one.why_next)
-    length = sum(knot.length_mm for knot in report.knots)
+    if not other:
+        return []
     if print_.supports is not None and print_.supports.way == "slicer":
-        whys = {print_.supports.why: None}
-    why = "; ".join(filter(None, whys)) or (
-        f"its strands are {length:.0f} mm long, where {promise.length_mm:.0f} mm are usual"
-    )
-    return [f"the piece is not as the preview said: {', '.join(other)}; {why}"] if other else []
+        why = print_.supports.why
+    else:
+        why = "; ".join(dict.fromkeys(one.why_next for one in report.attempts if one.why_next))
+    length = sum(knot.length_mm for knot in report.knots)
+    why = why or f"its strands are {length:.0f} mm long, where {promise.length_mm:.0f} mm are usual"
+    return [f"the piece is not as the preview said: {', '.join(other)}; {why}"]
 
 
 def finish_build(

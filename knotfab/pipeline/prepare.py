@@ -310,24 +310,24 @@ def _survey(call: _Call, sequence: bool, printing: bool, choose: bool = True) ->
     scene = call.scene.but(piece=call.scene.piece.but(printed=printing))
     lost = len(call.targets) == 1 and _is_scattered(call.targets[0], scene)
     found = survey(scene, call.targets, sequence, choose and not lost)
+    error = found.refusal
     if lost:
         parts = f"it has {found.views[0].pieces} pieces, and another reading draws others"
-        found = replace(found, refusal=SceneError(PICTURE, parts, ""))
-    found = _explain_photograph(found)
+        found = replace(found, refusal=_refuse_photograph(parts))
+    elif (
+        error is not None
+        and error.what == PICTURE
+        and len(found.views) == 1
+        and _is_photograph(found.views[0].target)
+    ):
+        found = replace(found, refusal=_refuse_photograph(error.why))
     bounds = call.agreed.bounds if call.agreed else ()
     return replace(found, bounds=bounds, told=call.told, parted=call.parted)
 
 
-def _explain_photograph(found: Survey) -> Survey:
-    """Say of a picture that is refused that it is a photograph, if it is."""
-    error = found.refusal
-    if error is None or error.what != PICTURE or len(found.views) > 1:
-        return found
-    if not _is_photograph(found.views[0].target):
-        return found
-    why = f"it is a photograph, and no drawing: {error.why}"
+def _refuse_photograph(why: str) -> SceneError:
     remedy = "Lift its subject out (a phone or rembg does in one tap), and bring the PNG with transparency"
-    return replace(found, refusal=SceneError(error.what, why, remedy))
+    return SceneError(PICTURE, f"it is a photograph, and no drawing: {why}", remedy)
 
 
 def _is_scattered(target: Target, scene: ResolvedScene) -> bool:

@@ -64,8 +64,7 @@ def depth_mm(made: Design) -> float:
 
 def propose_lower(made: Design, sag_mm: float, most_mm: float) -> Place:
     """Propose a place for a standing piece that sags too much: legs bend by the fourth power of height."""
-    lower = depth_mm(made) * (AIM * most_mm / sag_mm) ** 0.25
-    return Place(max(float(np.floor(_ROUND * lower)), 1.0) / _ROUND, wall_mm(made))
+    return _place(depth_mm(made) * (AIM * most_mm / sag_mm) ** 0.25, wall_mm(made))
 
 
 def tell_depth(asked: float | None, made: Design) -> list[str]:
@@ -164,6 +163,11 @@ def _place_wall(
         least = 0.5 * depth + radius + LEAST_PEG_MM + max(leans, 0.0)
         least = max(least, least_wall_mm(0.5 * depth, most_radius))
         wall = min(wall, float(np.ceil(_ROUND * least)) / _ROUND)
+    return _place(depth, wall)
+
+
+def _place(depth: float, wall: float) -> Place:
+    """Round a depth down, mm, and pair it with the wall's distance."""
     return Place(max(float(np.floor(_ROUND * depth)), 1.0) / _ROUND, wall)
 
 

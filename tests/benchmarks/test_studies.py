@@ -171,7 +171,7 @@ def test_every_picture_of_every_table_can_be_drawn(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_promise_is_kept_where_all_of_it_came() -> None:
-    """That is grams and hours within 12 %, the tube, and the holder."""
+    """Grams and hours within 12 %, the tube, the holder, and what is told."""
     promise: Row = {"said_g": 50.0, "said_h": 5.0, "said_mm": 2.0, "said_holder": "in roots"}
     came = {
         "print": {

@@ -383,7 +383,6 @@ def test_a_build_to_print_says_and_refuses_what_a_preview_says(tmp_path: Path) -
         assert caught.value.why == found.refusal.why
 
 
-@pytest.mark.slow
 def test_a_photograph_that_shows_no_one_thing_is_refused_before_a_tube_is_sought(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,7 +28,7 @@ VIEW = ResolvedView(frame_width_mm=120.0, frame_height_mm=120.0, wall_distance_m
 VERTICES, FACES = sweep(ring(30.0, wave=0.0), 2.0, 12)
 
 
-NEAR_PX = 8  # of a drawing as small as the tests'
+NEAR_PX = 8  # in a drawing as small as those of the tests
 
 
 def grey(image: Image.Image | None) -> np.ndarray:
