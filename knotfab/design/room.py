@@ -104,14 +104,13 @@ def depth_extent(
         raise SceneError(
             "the region",
             f"a tube {2 * radius:.1f} mm thick has no room between the light and the wall",
-            "Move the wall away (--wall-distance, wall_distance_mm), make the picture smaller (--size), or "
-            "enlarge the region.",
+            "Move the wall away (--wall-distance), or use a thinner tube (--tube-radius) or a larger region",
         )
     if asked is not None and wanted > room + 1e-3:
         raise SceneError(
-            "scene key piece.depth",
-            f"{wanted:g} mm do not fit a region that is {room:.1f} mm deep for it",
-            "Ask for less depth, or enlarge the region and the distance to the wall",
+            f"--depth {wanted:g}",
+            f"the region is {room:.1f} mm deep for it",
+            "Leave it out, and what fits is taken, or use a larger [region] in the scene",
         )
     # an auto depth is rounded down, so that a rebuild from the number finds the same room
     return float(np.floor(min(wanted, room) * 1e4) / 1e4) if asked is None else wanted
@@ -147,10 +146,10 @@ def plate_depth_mm(mount: Mount, view: ResolvedView, radius: float) -> float:
     depth = 2.0 * (face + foot_sink_mm(mount, radius) - radius)
     if depth < 8.0 * radius:  # less than an arch over a neighbour
         raise SceneError(
-            "scene key views.wall_distance_mm",
-            f"{view.wall_distance_mm:g} mm leave a tube {2 * radius:.1f} mm thick that stands on the wall's "
-            f"plate a depth of {max(depth, 0.0):.1f} mm",
-            "Leave it out, or use --plate pegs",
+            f"--wall-distance {view.wall_distance_mm:g}",
+            f"it leaves a tube {2 * radius:.1f} mm thick that stands on the wall's plate a depth of "
+            f"{max(depth, 0.0):.1f} mm",
+            "Leave it out",
         )
     return float(np.floor(depth * 1e4) / 1e4)
 

@@ -155,24 +155,26 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
     """Yield each conflict between a view's picture, piece and lamps, with its remedy."""
     radius = scene.piece.tube_radius_mm or 0.0
     reach = max(0.5 * (scene.piece.depth or 0.0), radius)
+    flatter = reach > radius
+    less = "Leave out --depth" if flatter else "Leave out --tube-radius"
     light, wall = view.light_distance_mm, view.wall_distance_mm
     if reach >= light:
         yield (
             f"the piece reaches {reach:g} mm towards the light, but light_distance_mm is {light:g}",
-            "Move the light away, or make the piece flatter or its tube thinner.",
+            f"{less}, or move the lamp away (--lamp-distance).",
         )
     settles = scene.mount.on_feet and "wall_distance_mm" not in view.model_fields_set
     if view.kind == "shadow" and reach >= wall and not settles:
         yield (
             f"the piece reaches {reach:g} mm towards the wall, but wall_distance_mm is {wall:g}",
-            "Move the wall away, or make the piece flatter or its tube thinner.",
+            f"{less}{', or move the wall away (--wall-distance)' * flatter}.",
         )
     tilt = math.radians(view.wall_tilt_deg)
     if 0.5 * view.light_size_mm >= light - reach:
         yield (
             f"a lamp of {view.light_size_mm:g} mm reaches the piece, {light - reach:g} mm from its "
             "middle",
-            "Use a smaller lamp, or move it away.",
+            "Use a smaller lamp (--lamp-diameter), or move it away (--lamp-distance).",
         )
     height = math.cos(tilt) * (light + wall)
     if 0.5 * view.light_size_mm >= height:

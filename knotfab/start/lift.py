@@ -34,7 +34,7 @@ def refuse_doubled() -> SceneError:
         "a piece without supports (--supports none)",
         "its strokes are as thin as the tube: strands lie behind each other all along, and only one of "
         "two can stand on the bed",
-        "Use --supports slicer, a thinner tube (--tube-radius), or bolder strokes (--thicken)",
+        "Use --supports slicer",
     )
 
 

@@ -133,7 +133,7 @@ def _tie_one(
     raise SceneError(
         f"the knot {name}",
         "the piece has no place for it: neither before nor behind the strands is there room",
-        "Use a thinner tube (--tube-radius), a bolder picture, more room in depth, or a simpler knot.",
+        "Use a thinner tube (--tube-radius), a bolder picture, or a simpler knot.",
     )
 
 

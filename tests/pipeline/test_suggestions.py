@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ from knotfab.base.errors import OPTION, MachineError
 from knotfab.base.progress import Progress
 from knotfab.design import sentence
 from knotfab.pipeline import prepare
+from knotfab.pipeline.build import run_build
 from knotfab.pipeline.options import options_from
 from knotfab.pipeline.prepare import prepare_build, survey_pictures
 from knotfab.request import require_device
+from knotfab.search import search as searching
 from knotfab_formats.errors import KnotfabError
 
 pytestmark = pytest.mark.slow  # most read and survey pictures twice
@@ -73,6 +76,21 @@ REFUSED: dict[str, Options] = {
     "many.png": {},
     "leap/ --sequence": {},
 }
+# and what is refused once a build has begun, before or between its searches
+REFUSED_LATE: dict[str, Options] = {
+    "heart.png --depth 220": {"wall-distance": 300},
+    "heart.png --depth 500 --wall-distance 300": {},
+    "heart.png --depth 160 --lamp-distance 75": {"lamp-distance": 500},
+    "heart.png --tube-radius 110": {},
+    "heart.png --print --plate rounded --wall-distance 3": {},
+    "heart.png --print --plate pegs --wall-distance 3": {"wall-distance": 60, "tube-radius": 1},
+    "heart.png --knot 8_19 --tube-radius 8 --size 80": {"tube-radius": 3},
+    "heart.png teapot.png --knot 8_19 --tube-radius 14": {"tube-radius": 4},
+    "heart.png teapot.png --tube-radius 16 --size 90": {"tube-radius": 3},
+    "heart.png teapot.png --knots 12 --tube-radius 6 --size 90": {"tube-radius": 2},
+    "teapot.png --lines on": {"thicken": 12},
+    "teapot.png --lines on --thicken 10 --supports none": {},
+}
 
 
 def parse(words: str) -> tuple[list[str], Options]:
@@ -110,6 +128,25 @@ def refuse(pictures: list[str], asked: Options) -> KnotfabError | None:
         return error
     except Surveyed:
         pass
+    return None
+
+
+def refuse_late(pictures: list[str], asked: Options) -> KnotfabError | None:
+    """Return the error with which a build ends before it first searches."""
+    named = {name.replace("-", "_"): value for name, value in asked.items()}
+
+    def reach(*_: object, **__: object) -> None:
+        raise Surveyed
+
+    with TemporaryDirectory() as place, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(searching, "search", reach)
+        try:
+            options = options_from({"accuracy": "sketch", "out": Path(place) / "built", **named})
+            run_build(prepare_build(pictures, options, "", Progress("quiet")))
+        except KnotfabError as error:
+            return error
+        except Surveyed:
+            pass
     return None
 
 
@@ -197,11 +234,26 @@ def test_what_a_refusal_suggests_does(
         _try_each(error, pictures, asked, REFUSED[words])
 
 
-def _try_each(error: KnotfabError, pictures: list[str], asked: Options, given: Options) -> None:
+@pytest.mark.parametrize("words", REFUSED_LATE)
+def test_what_a_refusal_within_a_build_suggests_does(words: str) -> None:
+    names, asked = parse(words)
+    pictures = [str(HERE / name) for name in names]
+    error = refuse_late(pictures, asked)
+    assert error is not None
+    _try_each(error, pictures, asked, REFUSED_LATE[words], refuse_late)
+
+
+def _try_each(
+    error: KnotfabError,
+    pictures: list[str],
+    asked: Options,
+    given: Options,
+    refused: Callable[[list[str], Options], KnotfabError | None] = refuse,
+) -> None:
     tried = list(suggest(error, asked, given))
     assert tried, error.remedy
     for options in tried:
-        again = refuse(pictures, options)
+        again = refused(pictures, options)
         lacking = isinstance(again, MachineError)  # of this machine, not of the call
         assert again is None or lacking, f"{error.remedy}: {options}: {again}"
 
