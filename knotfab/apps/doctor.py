@@ -43,15 +43,16 @@ CHILD_TIMEOUT_S, TOO_SLOW = 60, 128
 
 # In a child process, because VTK crashes where OpenGL is missing.
 RENDER_CHILD = """
-import numpy as np
-from knotfab_validators.shadows.render import add_surface, build_surface, open_window, read_window
-window, scene = open_window()
-add_surface(scene, build_surface(np.eye(3), np.array([[0, 1, 2]]))).LightingOff()
-window.SetSize(32, 32)
-window.Render()
-assert read_window(window, "RGB").max() > 200, "the picture stayed black"
-from vtkmodules.vtkCommonCore import vtkVersion
-print("VTK", vtkVersion.GetVTKVersion())
+import os, sys
+if sys.platform.startswith("linux"):
+    os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+import pyvista
+plotter = pyvista.Plotter(off_screen=True, window_size=(32, 32))
+plotter.add_mesh(pyvista.Sphere(), color="white", lighting=False)
+plotter.background_color = "black"
+image = plotter.screenshot(return_img=True)
+assert image.max() > 200, "the picture stayed black"
+print("pyvista", pyvista.__version__, "with VTK", ".".join(map(str, pyvista.vtk_version_info)))
 """
 # Compiled libraries can crash the process too, so each name is printed before it is imported.
 IMPORT_CHILD = """
@@ -201,9 +202,9 @@ def _import_errors(modules: Sequence[str]) -> dict[str, str]:
 
 
 def _rendering() -> Finding:
-    name = "rendering (VTK)"
-    if importlib.util.find_spec("vtkmodules") is None:
-        return Finding(name, "missing", "VTK is not installed", "pip install vtk")
+    name = "rendering (pyvista)"
+    if importlib.util.find_spec("pyvista") is None:
+        return Finding(name, "missing", "pyvista is not installed", "pip install pyvista")
     from knotfab_validators.shadows.render import why_no_rendering
 
     reason = why_no_rendering()

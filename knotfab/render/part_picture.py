@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
+import os
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +17,7 @@ from knotfab.base.arrays import Array
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
-from knotfab_validators.shadows.render import (
-    add_surface,
-    build_surface,
-    open_window,
-    read_window,
-    why_no_rendering,
-)
+from knotfab_validators.shadows.render import why_no_rendering
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 90.0)  # turns about the vertical, one panel each
 PANEL_PX = 360  # side of a panel
@@ -130,76 +125,88 @@ class PartPainter:
     def __init__(
         self, vertices: Array, faces: NDArray[np.integer[Any]], color: str = USUAL_COLOR
     ) -> None:
+        if sys.platform.startswith("linux"):
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+        import pyvista as untyped
+
+        self._pv: Any = untyped
         self.points = np.asarray(vertices, dtype=np.float64)
+        sheet = self._pv.PolyData.from_regular_faces(self.points.astype(np.float32), faces)
+        sheet = sheet.compute_normals(
+            split_vertices=True, feature_angle=CREASE_DEG, cell_normals=False
+        )
         paint = TUBE if color == USUAL_COLOR else color
         self.paint = to_linear(np.array(list(bytes.fromhex(paint[1:]))) / 255)
-        self._window, self._scene = open_window()
-        self._window.SetMultiSamples(4)
-        self._window.AlphaBitPlanesOn()
-        self._scene.TwoSidedLightingOn()
-        filters: Any = importlib.import_module("vtkmodules.vtkFiltersCore")
-        smooth = filters.vtkPolyDataNormals()
-        smooth.SetInputData(build_surface(self.points.astype(np.float32), faces))
-        smooth.SetFeatureAngle(CREASE_DEG)
-        self._add(smooth)
+        self._plotter = self._pv.Plotter(off_screen=True, lighting="none", window_size=(64, 64))
+        self._plotter.enable_anti_aliasing("msaa", multi_samples=4)
+        self._add(sheet)
+        self._plotter.render_window.SetAlphaBitPlanes(True)
+        self._plotter.set_background("black")
 
-    def _add(self, source: Any) -> None:
-        source.Update()
-        look = add_surface(self._scene, source.GetOutput())
-        look.SetInterpolationToPhong()
-        look.SetSpecular(0.2)
-        look.SetSpecularPower(22)
+    def _add(self, sheet: Any) -> None:
+        self._plotter.add_mesh(
+            sheet, color="white", smooth_shading=True, diffuse=1.0, specular=0.2, specular_power=22
+        )
 
     def hang(self, threads: Array) -> None:
         """Hang the part on threads from places (k, 3); they are seen, and throw shadows."""
-        filters: Any = importlib.import_module("vtkmodules.vtkFiltersCore")
-        sources: Any = importlib.import_module("vtkmodules.vtkFiltersSources")
         for at in threads:
-            line, thread = sources.vtkLineSource(), filters.vtkTubeFilter()
-            line.SetPoint1(*at)
-            line.SetPoint2(*(at + (0.0, _THREAD_MM, 0.0)))
-            thread.SetInputConnection(line.GetOutputPort())
-            thread.SetRadius(_THREAD_RADIUS_MM)
-            thread.SetNumberOfSides(8)
-            self._add(thread)
+            line = self._pv.Line(at, at + (0.0, _THREAD_MM, 0.0))
+            self._add(line.tube(radius=_THREAD_RADIUS_MM, n_sides=8))
 
     def __enter__(self) -> PartPainter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._window.Finalize()
+        self._plotter.close()
 
     def light(self, *lamps: Light) -> None:
         """Light the part anew."""
-        self._scene.RemoveAllLights()
+        self._plotter.remove_all_lights()
         for lamp in lamps:
-            light = self._scene.MakeLight()
-            light.SetPosition(*lamp.place)
-            light.SetFocalPoint(0.0, 0.0, 0.0)
-            light.SetColor(*lamp.channels)
-            light.SetConeAngle(180.0)
-            light.SetPositional(not lamp.moves)
-            if lamp.moves:
-                light.SetLightTypeToCameraLight()
-            self._scene.AddLight(light)
+            self._plotter.add_light(
+                self._pv.Light(
+                    position=tuple(lamp.place),
+                    focal_point=(0.0, 0.0, 0.0),
+                    color=tuple(lamp.channels),
+                    light_type="camera light" if lamp.moves else "scene light",
+                    positional=not lamp.moves,
+                    cone_angle=180,
+                )
+            )
 
     def look(self, eye: Eye, colours: bool = True) -> tuple[Array, Array]:
         """Return light in three channels and coverage, (h, w, 4), and depths, (h, w), `far` where bare."""
-        camera = self._scene.GetActiveCamera()
-        camera.SetPosition(*eye.place)
-        camera.SetFocalPoint(*(eye.place - eye.axes[2]))
-        camera.SetViewUp(*eye.axes[1])
-        camera.SetViewAngle(2 * np.degrees(np.arctan(0.5 * eye.size[1] / eye.focal_px)))
-        camera.SetClippingRange(eye.near, eye.far)
-        self._window.SetSize(*eye.size)
-        self._window.Render()
-        light: Array = np.zeros(0)
-        if colours:
-            drawn = read_window(self._window, "RGBA")
-            light = np.asarray(drawn.astype(np.float32) * np.float32(1 / 255))
-        z = read_window(self._window, "ZBuffer")[..., 0]
+        window, camera = self._plotter.render_window, self._plotter.camera
+        camera.position, camera.focal_point = tuple(eye.place), tuple(eye.place - eye.axes[2])
+        camera.up = tuple(eye.axes[1])
+        camera.view_angle = 2 * np.degrees(np.arctan(0.5 * eye.size[1] / eye.focal_px))
+        camera.clipping_range = (eye.near, eye.far)
+        window.SetSize(*eye.size)
+        window.Render()
+        light = self._read("SetInputBufferTypeToRGBA") if colours else np.zeros(0)
+        z = self._read("SetInputBufferTypeToZBuffer")[..., 0]
         depth = eye.near * eye.far / (eye.far - z * (eye.far - eye.near))
         return light, depth
+
+    def _read(self, kind: str) -> Array:
+        """Read what was drawn last, without drawing it again."""
+        from vtkmodules.util import numpy_support
+        from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
+
+        to_numpy: Any = numpy_support.vtk_to_numpy
+
+        read = vtkWindowToImageFilter()
+        read.SetInput(self._plotter.render_window)
+        read.ShouldRerenderOff()
+        read.ReadFrontBufferOff()
+        getattr(read, kind)()
+        read.Update()
+        image = read.GetOutput()
+        wide, high, _ = image.GetDimensions()
+        found = to_numpy(image.GetPointData().GetScalars()).reshape(high, wide, -1)[::-1]
+        scale = np.float32(1 / 255 if found.dtype == np.uint8 else 1)
+        return np.asarray(found.astype(np.float32) * scale)
 
     def draw_panels(self, eyes: Array, panel_px: int = PANEL_PX) -> Image.Image:
         """Draw the part as a row of panels on paper, one for each eye (k, 3), all at one scale."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -210,14 +209,9 @@ def _decimate(mesh: Mesh) -> Mesh:
     vertices, faces = mesh
     if len(faces) <= MOUNT_FACES:
         return mesh
-    from knotfab_validators.shadows.render import build_surface
+    import pyvista
 
-    numpy: Any = importlib.import_module("vtkmodules.util.numpy_support")
-    less = importlib.import_module("vtkmodules.vtkFiltersCore").vtkQuadricDecimation()
-    less.SetInputData(build_surface(vertices, faces))
-    less.SetTargetReduction(1.0 - MOUNT_FACES / len(faces))
-    less.Update()
-    sheet = less.GetOutput()
-    points = numpy.vtk_to_numpy(sheet.GetPoints().GetData())
-    corners = numpy.vtk_to_numpy(sheet.GetPolys().GetConnectivityArray())
-    return points.astype(np.float64), corners.reshape(-1, 3).astype(np.int32)
+    triangles: Any = faces
+    sheet = pyvista.PolyData.from_regular_faces(vertices, triangles)
+    less = sheet.decimate(1.0 - MOUNT_FACES / len(faces))
+    return np.asarray(less.points, dtype=np.float64), np.asarray(less.regular_faces, dtype=np.int32)

@@ -103,7 +103,7 @@ def test_a_library_that_is_missing_or_broken_has_its_remedy(
         assert (found.status, found.remedy) == ("missing", "apt-get install libegl1 libgl1")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert doctor._look_for("shapely", "shapely").status == "missing"
-    assert doctor._rendering().remedy == "pip install vtk"
+    assert doctor._rendering().remedy == "pip install pyvista"
     assert doctor._fonts().remedy == "pip install matplotlib"
     assert doctor._torch().status == "missing"
 

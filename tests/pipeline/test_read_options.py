@@ -307,7 +307,7 @@ def test_two_pieces_bridged_into_one_of_a_given_depth(
     # who did what: neither told nor asked is a stage left out, or a mount that is not there
     assert not modelled
     settings = json.loads((out / "report.json").read_text())["settings"]
-    left = {"cadquery", "matplotlib", "vtk", "resvg-py", "knot_floer_homology"}
+    left = {"cadquery", "matplotlib", "pyvista", "resvg-py", "knot_floer_homology"}
     assert not left & (set(settings["parts"]) | set(settings["versions"]))
     assert settings["parts"]["manifold3d"] == "swept the tubes"
     assert settings["parts"]["trimesh"] == "wrote part.glb"

@@ -1,17 +1,15 @@
-"""Render silhouettes of a mesh off-screen with VTK, by a camera at the light."""
+"""Render silhouettes of a mesh off-screen with pyvista, by a camera at the light."""
 
 from __future__ import annotations
 
 import ctypes
 import ctypes.util
-import importlib
 import os
 import sys
 from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask
@@ -90,69 +88,6 @@ def _egl_starts(egl: ctypes.CDLL) -> bool:
     return any(display and egl.eglInitialize(display, None, None) for display in displays)
 
 
-# VTK's own modules: pyvista, which wraps them, loads half a CPU second of what is not used here.
-
-
-def open_window() -> tuple[Any, Any]:
-    """Open a window off-screen, without anti-aliasing; return it with its black scene (vtkRenderer)."""
-    if sys.platform.startswith("linux"):
-        # use no X server, and look for none
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    vtk: Any = importlib.import_module("vtkmodules.vtkRenderingCore")
-    importlib.import_module("vtkmodules.vtkRenderingOpenGL2")  # without it windows draw nothing
-    window, scene = vtk.vtkRenderWindow(), vtk.vtkRenderer()
-    window.SetOffScreenRendering(True)
-    window.SetMultiSamples(0)
-    window.AddRenderer(scene)
-    return window, scene
-
-
-def build_surface(points: NDArray[np.floating[Any]], faces: NDArray[np.integer[Any]]) -> Any:
-    """Build VTK's surface (vtkPolyData) of points (n, 3) and faces (m, 3)."""
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-
-    vtk: Any = numpy_support
-    places, polygons, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
-    places.SetData(vtk.numpy_to_vtk(np.ascontiguousarray(points), deep=True))
-    corners = np.ascontiguousarray(faces, dtype=np.int64).ravel()
-    polygons.SetData(3, vtk.numpy_to_vtkIdTypeArray(corners, deep=True))
-    surface.SetPoints(places)
-    surface.SetPolys(polygons)
-    return surface
-
-
-def add_surface(scene: Any, surface: Any) -> Any:
-    """Add a surface to a scene, in white; return how it looks (vtkProperty)."""
-    from vtkmodules import vtkRenderingCore
-
-    vtk: Any = vtkRenderingCore
-    mapper, actor = vtk.vtkPolyDataMapper(), vtk.vtkActor()
-    mapper.SetInputData(surface)
-    actor.SetMapper(mapper)
-    scene.AddActor(actor)
-    return actor.GetProperty()
-
-
-def read_window(window: Any, kind: str) -> NDArray[Any]:
-    """Read what a window drew last: "RGB", "RGBA" or "ZBuffer", (height, width, channels)."""
-    from vtkmodules.util import numpy_support
-    from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
-
-    to_numpy: Any = numpy_support.vtk_to_numpy
-    read = vtkWindowToImageFilter()
-    read.SetInput(window)
-    read.ShouldRerenderOff()
-    read.ReadFrontBufferOff()
-    getattr(read, f"SetInputBufferTypeTo{kind}")()
-    read.Update()
-    image = read.GetOutput()
-    wide, high, _ = image.GetDimensions()
-    found: NDArray[Any] = to_numpy(image.GetPointData().GetScalars())
-    return found.reshape(high, wide, -1)[::-1]
-
-
 class SilhouetteRenderer(Renderer):
     """Renders one mesh in one off-screen window, in as many views as needed.
 
@@ -170,14 +105,22 @@ class SilhouetteRenderer(Renderer):
         reason = why_no_rendering()
         if reason is not None:
             raise CannotRender(reason)
-        took_part("vtk", "rendered the shadow of the final mesh")
+        if sys.platform.startswith("linux"):
+            # use no X server, and look for none
+            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+        import pyvista as untyped
+
+        took_part("pyvista", "rendered the shadow of the final mesh")
+        pyvista: Any = untyped
         super().__init__(vertices)
         # the card computes in single precision: keep its numbers small
         self._middle = (self._vertices.min(axis=0) + self._vertices.max(axis=0)) / 2
-        window, scene = open_window()
         points = (self._vertices - self._middle).astype(np.float32)
-        add_surface(scene, build_surface(points, faces)).LightingOff()
-        self._window, self._camera = window, scene.GetActiveCamera()
+        surface = pyvista.PolyData.from_regular_faces(points, faces)
+        self._plotter = pyvista.Plotter(off_screen=True, lighting="none")
+        self._plotter.disable_anti_aliasing()
+        self._plotter.set_background("black")
+        self._plotter.add_mesh(surface, color="white", lighting=False, reset_camera=False)
 
     def render(self, geometry: ViewGeometry) -> Mask:
         """Render by a camera at the light that looks straight at the receiver plane, whatever its tilt.
@@ -185,10 +128,8 @@ class SilhouetteRenderer(Renderer):
         Its frustum is shifted and shaped to the frame.
         """
         self._aim(geometry)
-        self._window.SetSize(geometry.width, geometry.height)
-        self._window.Render()
-        seen = read_window(self._window, "RGB")
-        return np.ascontiguousarray(seen[..., 0] > 127)
+        self._plotter.window_size = geometry.width, geometry.height
+        return np.ascontiguousarray(self._plotter.screenshot(return_img=True)[..., 0] > 127)
 
     def _aim(self, geometry: ViewGeometry) -> None:
         normal, height = geometry.normal, geometry.light_height
@@ -200,19 +141,19 @@ class SilhouetteRenderer(Renderer):
         u, v = geometry.du / np.linalg.norm(geometry.du), geometry.dv / np.linalg.norm(geometry.dv)
         depth = (geometry.light - self._vertices) @ normal
         near = max(0.9 * float(depth.min()), 1e-3 * height)
-        camera = self._camera
-        camera.SetPosition(*light)
-        camera.SetFocalPoint(*(light - height * normal))
-        camera.SetViewUp(*-v)
-        camera.SetViewAngle(2 * np.degrees(np.arctan(size_v / 2 / height)))
+        camera = self._plotter.camera
+        camera.position = light
+        camera.focal_point = light - height * normal
+        camera.up = -v
+        camera.view_angle = 2 * np.degrees(np.arctan(size_v / 2 / height))
         camera.SetWindowCenter(2 * float(off @ u) / size_u, -2 * float(off @ v) / size_v)
         camera.SetExplicitAspectRatio(size_u / size_v)
         camera.UseExplicitAspectRatioOn()
-        camera.SetClippingRange(near, max(height - ON_RECEIVER_MM, near * 1.001))
+        camera.clipping_range = near, max(height - ON_RECEIVER_MM, near * 1.001)
 
     def close(self) -> None:
         """Free the window's memory; the renderer cannot be used afterwards."""
-        self._window.Finalize()
+        self._plotter.close()
 
     def __enter__(self) -> SilhouetteRenderer:
         return self
