@@ -100,10 +100,13 @@ def examine() -> list[Finding]:
     ]
 
 
-def run_loops() -> None:
+def run_loops(*, drawing: bool = False) -> None:
     """Have the compiled loops of most builds loaded: design a bar that prints without supports."""
     from knotfab.design.design import design_knots
+    from knotfab.geometry.tube import sweep
     from knotfab.picture.read import read_target
+    from knotfab.render.hung_picture import draw_hung
+    from knotfab.render.part_picture import PartPainter, why_undrawn
     from knotfab.scene.catalogue import resolve
     from knotfab_formats.piece import Accuracy, Piece
     from knotfab_formats.scene import Scene
@@ -111,7 +114,11 @@ def run_loops() -> None:
     few = {"depth_candidates": 4, "radius_candidates": 2}
     piece = Piece(printed=True, supports="none")
     asked = Scene(accuracy=Accuracy(name="sketch"), search=few, piece=piece)
-    design_knots(resolve(asked), [read_target("text:▬")])
+    made = design_knots(resolve(asked), [read_target("text:▬")])
+    if drawing and why_undrawn() is None:
+        tube = sweep(made.knots.knots[0].points, made.knots.radius_mm, 8)
+        with PartPainter(*tube) as painter:
+            draw_hung(painter, made.scene.views)
 
 
 def compile_loops() -> Finding:
@@ -123,7 +130,7 @@ def compile_loops() -> Finding:
     begun = time.perf_counter()
     with Verifier({"shadow-render"}) as verifier:
         validators = verifier.submit(Files(None))
-        run_loops()
+        run_loops(drawing=True)
         failed = None
         try:
             validators.result()

@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from knotfab.base.arrays import Array, Mask, Real
 from knotfab.render.part_picture import Eye, Light, PartPainter, encode_light, eye_towards
+from knotfab.render.room import find_unhidden, light_part, light_walls
 from knotfab.scene.camera import camera_of
 from knotfab_formats.scene import ResolvedView
 
@@ -104,45 +105,30 @@ def _draw(
     planes = [(one.wall, _PLASTER, 1.0, one) for one in walls]
     if desk_mm is not None:
         planes.append((np.array([0.0, 1.0, 0.0, -desk_mm]), _WOOD, 0.45, walls[0]))
-    high, wide = depth.shape
-    x, y = np.arange(wide, dtype=np.float32) + 0.5, np.arange(high, dtype=np.float32)[:, None] + 0.5
-    room = np.full((high, wide), np.float32(eye.far))
-    colour = np.full((high, wide, 3), (0.09 * day * _COOL * _PLASTER).astype(np.float32))
-    warmth = np.zeros((high, wide), np.float32)
-    grain = _grain(high, wide)
-    for plane, albedo, share, own in planes:
-        to_plane = eye.plane_map(plane).astype(np.float32)
-        along = np.vstack(
-            [own.axes @ to_plane[:3] - np.outer(own.axes @ own.middle, to_plane[3]), to_plane[3]]
-        )
-        *off, w = (np.float32(a) * x + (np.float32(b) * y + np.float32(c)) for a, b, c in along)
-        behind = -float(plane[:3] @ eye.place + plane[3]) / w  # the depth
-        here = (behind > 0) & (behind < room)
-        size = max(own.frame_mm)
-        far = (off[0] ** 2 + off[1] ** 2 + off[2] ** 2) / (w * size) ** 2
-        pool = share * bool(lamps) / (1 + (far / 0.72) ** 1.6)
-        gathered = np.zeros((high, wide, 3), np.float32)
-        for one, (lamp_eye, _, soft) in zip(lamps, cast, strict=True):
-            if share < 1 or _same(one, own):
-                to_lamp = lamp_eye.projection @ eye.plane_map(plane)
-                to_lamp /= to_lamp[2, 2]
-                dark = soft.transform(
-                    (wide, high), Image.Transform.PERSPECTIVE, to_lamp.ravel()[:8].tolist(),
-                    Image.Resampling.BILINEAR,
-                )  # fmt: skip
-                gathered += (pool * (1 - np.asarray(dark)))[..., None] * one.colour.astype(
-                    np.float32
-                )
-        gathered += (day * (0.035 + 0.10 / (1 + far))[..., None]) * _COOL.astype(np.float32)
-        gathered *= albedo.astype(np.float32) * (1 + grain)[..., None]
-        colour[here], room[here], warmth[here] = gathered[here], behind[here], pool[here]
-
+    soft = np.zeros((len(lamps), _LAMP_PX, _LAMP_PX), np.float32)
+    for k, (*_, dark) in enumerate(cast):
+        soft[k] = dark
+    shown, maps = [], np.zeros((len(planes), len(lamps), 3, 3))
+    for n, (plane, _, share, own) in enumerate(planes):
+        to, size = eye.plane_map(plane), max(own.frame_mm)
+        off = own.axes @ (to[:3] - np.outer(own.middle, to[3])) / size
+        height = float(plane[:3] @ eye.place + plane[3])
+        shown.append([*off.ravel(), *to[3], height, share * bool(lamps)])
+        for k, (lamp_eye, _, _) in enumerate(cast):
+            maps[n, k] = lamp_eye.projection @ to
+    serves = [[share < 1 or _same(one, own) for one in lamps] for *_, share, own in planes]
+    albedos = np.array([albedo for _, albedo, *_ in planes])
+    tints = np.array([one.colour for one in lamps]).reshape(-1, 3)
+    colour, room, pool = light_walls(
+        np.array(shown), albedos, maps, np.array(serves, dtype=bool), soft, tints, day * _COOL,
+        _grain(), eye.size, eye.far,
+    )  # fmt: skip
     shade = _occlude(np.minimum(depth, room), eye)
-    colour *= shade[..., None]
-    piece = _light_piece(painter, lamps, cast, eye, light, depth, shade, warmth, day)
-    covered = light[..., 3:]
-    mixed = colour * (1 - covered) + piece
-    return Image.fromarray(encode_light(mixed * _vignette(high, wide), 1.7))
+    free = np.zeros((len(lamps), *depth.shape), np.float32)
+    for k, (lamp_eye, nearest, _) in enumerate(cast):
+        free[k] = find_unhidden(light, depth, eye.place, eye.rays, lamp_eye.projection, nearest)
+    light_part(colour, light, shade, pool, free, tints, painter.paint, day * _COOL, _WARM)
+    return Image.fromarray(encode_light(colour, 1.7))
 
 
 def _choose_lamps(views: Sequence[ResolvedView]) -> list[_Lamp]:
@@ -253,7 +239,7 @@ def _bin(lamp: _Lamp, points: Array) -> Mask:
     return found
 
 
-def _look_from(painter: PartPainter, lamp: _Lamp) -> tuple[Eye, Array, Image.Image]:
+def _look_from(painter: PartPainter, lamp: _Lamp) -> tuple[Eye, Real, Real]:
     """Look at the part from its lamp: the eye, the depths, and the soft shadow on the wall's scale."""
     out, up = lamp.axes[2], lamp.axes[1]
     away = painter.points - lamp.place
@@ -268,55 +254,7 @@ def _look_from(painter: PartPainter, lamp: _Lamp) -> tuple[Eye, Array, Image.Ima
     spread = lamp.size_mm * float(np.median(to_wall - depth)) / float(np.median(depth)) / 3
     px = max(spread, 0.3) * eye.focal_px / to_wall
     dark = gaussian_filter((seen < 0.999 * eye.far).astype(np.float32), px)
-    return eye, seen, Image.fromarray(dark)
-
-
-def _light_piece(
-    painter: PartPainter,
-    lamps: Sequence[_Lamp],
-    cast: Sequence[tuple[Eye, Array, Image.Image]],
-    eye: Eye,
-    light: Real,
-    depth: Real,
-    shade: Real,
-    warmth: Real,
-    day: float,
-) -> Real:
-    """Light the part's own pixels by its lamps, where nothing stands before them, and by the room."""
-    high, wide = depth.shape
-    rows, columns = np.nonzero(light[..., 3])
-    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]).astype(np.float32)
-    near = np.minimum(depth[rows, columns], eye.far * 0.99)
-    places = (eye.place[:, None] + (eye.rays @ pixels) * near).astype(np.float32)
-    channels, cover = light[rows, columns, :3], light[rows, columns, 3]
-    own = shade[rows, columns]
-    fill = channels[:, 2] if len(lamps) < _LAMPS else channels.mean(axis=1)
-    paint, warm, cool = (np.asarray(c, np.float32) for c in (painter.paint, _WARM, _COOL))
-    found = np.outer(fill * own * np.float32(0.16 * day), cool * paint)
-    found += np.outer(
-        own * cover * (np.float32(0.05) + np.float32(0.10) * warmth[rows, columns]), warm * paint
-    )
-    for n, (lamp, (lamp_eye, seen, _)) in enumerate(zip(lamps, cast, strict=True)):
-        p = lamp_eye.projection.astype(np.float32)
-        u, v, z = p[:, :3] @ places + p[:, 3:]
-        u, v, bias = u / z, v / z, 0.8 + 0.0015 * z
-        free = np.zeros(len(z), np.float32)
-        for right, down in ((-0.9, -0.4), (0.9, 0.4), (-0.4, 0.9), (0.4, -0.9)):
-            at = [
-                np.clip((c + d).astype(np.int32), 0, _LAMP_PX - 1)
-                for c, d in ((u, right), (v, down))
-            ]
-            free += 0.25 * (z < seen[at[1], at[0]] + bias)
-        unshaded = np.zeros((high, wide), np.float32)
-        unshaded[rows, columns] = free
-        free = uniform_filter(unshaded, 3)[rows, columns]
-        key = channels[:, n] * free
-        tint = lamp.colour.astype(np.float32)
-        found += np.outer(key, np.float32(1.35) * tint * paint)
-        found += np.outer(0.5 * np.clip(key - 0.85, 0, 1), tint)  # where it shines
-    image = np.zeros((high, wide, 3), np.float32)
-    image[rows, columns] = found
-    return image
+    return eye, seen, dark
 
 
 def _occlude(depth: Real, eye: Eye) -> Real:
@@ -341,14 +279,8 @@ def _occlude(depth: Real, eye: Eye) -> Real:
     return np.asarray(small.resize(depth.shape[::-1], Image.Resampling.BILINEAR))
 
 
-def _grain(high: int, wide: int) -> Real:
-    """Return the grain of plaster, the same each time (high, wide), about 0."""
+def _grain() -> Real:
+    """Return a tile of the grain of plaster, the same each time, about 0."""
     tile = np.random.default_rng(7).standard_normal((400, 400)).astype(np.float32)
     tile = gaussian_filter(tile, 1.6, mode="wrap")
-    tile *= 0.012 / tile.std()
-    return np.tile(tile, (-(-high // 400), -(-wide // 400)))[:high, :wide]
-
-
-def _vignette(high: int, wide: int) -> Real:
-    x, y = np.linspace(-1, 1, wide), np.linspace(-1, 1, high)[:, None]
-    return (1 - 0.22 * (0.5 * (x**2 + y**2)) ** 1.2).astype(np.float32)[..., None]
+    return np.asarray(tile * np.float32(0.012 / tile.std()))

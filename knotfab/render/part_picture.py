@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from knotfab.base.arrays import Array
+from knotfab.base.arrays import Array, Real
 from knotfab.scene.camera import camera_of, view_axes
 from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
@@ -30,6 +30,9 @@ SAME_DEG = 5.0  # directions closer than this count as one
 _FAINT, _KEYED = 0.34, 0.8  # share of a panel's light from all sides, and from the upper left
 
 _THREAD_MM, _THREAD_RADIUS_MM = 600.0, 0.3  # as far as a picture shows
+_FINER = (
+    2  # pixels of a pixel's side: cheaper, where VTK draws by software, than samples of its own
+)
 _LEVELS = 4095  # of linear light, in the table that turns it into sRGB
 
 
@@ -138,14 +141,20 @@ class PartPainter:
         paint = TUBE if color == USUAL_COLOR else color
         self.paint = to_linear(np.array(list(bytes.fromhex(paint[1:]))) / 255)
         self._plotter = self._pv.Plotter(off_screen=True, lighting="none", window_size=(64, 64))
-        self._plotter.enable_anti_aliasing("msaa", multi_samples=4)
+        self._plotter.disable_anti_aliasing()
         self._add(sheet)
         self._plotter.render_window.SetAlphaBitPlanes(True)
         self._plotter.set_background("black")
 
     def _add(self, sheet: Any) -> None:
         self._plotter.add_mesh(
-            sheet, color="white", smooth_shading=True, diffuse=1.0, specular=0.2, specular_power=22
+            sheet,
+            color="white",
+            smooth_shading=True,
+            diffuse=1.0,
+            specular=0.2,
+            specular_power=22,
+            culling="back",
         )
 
     def hang(self, threads: Array) -> None:
@@ -175,22 +184,37 @@ class PartPainter:
                 )
             )
 
-    def look(self, eye: Eye, colours: bool = True) -> tuple[Array, Array]:
+    def look(self, eye: Eye, colours: bool = True) -> tuple[Real, Real]:
         """Return light in three channels and coverage, (h, w, 4), and depths, (h, w), `far` where bare."""
         window, camera = self._plotter.render_window, self._plotter.camera
         camera.position, camera.focal_point = tuple(eye.place), tuple(eye.place - eye.axes[2])
         camera.up = tuple(eye.axes[1])
         camera.view_angle = 2 * np.degrees(np.arctan(0.5 * eye.size[1] / eye.focal_px))
         camera.clipping_range = (eye.near, eye.far)
-        window.SetSize(*eye.size)
+        wide, high = eye.size
+        fine = _FINER if colours else 1
+        window.SetSize(fine * wide, fine * high)
         window.Render()
-        light = self._read("SetInputBufferTypeToRGBA") if colours else np.zeros(0)
-        z = self._read("SetInputBufferTypeToZBuffer")[..., 0]
-        depth = eye.near * eye.far / (eye.far - z * (eye.far - eye.near))
-        return light, depth
+        z = self._read("SetInputBufferTypeToZBuffer")[::-1, :, 0]
+        seen = np.minimum.reduce([z[j::fine, i::fine] for j in range(fine) for i in range(fine)])
+        depth = eye.near * eye.far / (eye.far - seen * (eye.far - eye.near))
+        if not colours:
+            return np.zeros(0, np.float32), depth
+        # not as RGBA, whose light Pillow would divide by its coverage
+        drawn = Image.frombuffer(
+            "RGBX",
+            (fine * wide, fine * high),
+            self._read("SetInputBufferTypeToRGBA"),
+            "raw",
+            "RGBX",
+            0,
+            -1,
+        )
+        light = np.asarray(drawn.reduce(fine)).astype(np.float32)
+        return light * np.float32(1 / 255), depth
 
-    def _read(self, kind: str) -> Array:
-        """Read what was drawn last, without drawing it again."""
+    def _read(self, kind: str) -> Any:
+        """Read what was drawn last, without drawing it again; the lowest row comes first."""
         from vtkmodules.util import numpy_support
         from vtkmodules.vtkRenderingCore import vtkWindowToImageFilter
 
@@ -204,9 +228,7 @@ class PartPainter:
         read.Update()
         image = read.GetOutput()
         wide, high, _ = image.GetDimensions()
-        found = to_numpy(image.GetPointData().GetScalars()).reshape(high, wide, -1)[::-1]
-        scale = np.float32(1 / 255 if found.dtype == np.uint8 else 1)
-        return np.asarray(found.astype(np.float32) * scale)
+        return to_numpy(image.GetPointData().GetScalars()).reshape(high, wide, -1)
 
     def draw_panels(self, eyes: Array, panel_px: int = PANEL_PX) -> Image.Image:
         """Draw the part as a row of panels on paper, one for each eye (k, 3), all at one scale."""
@@ -294,7 +316,7 @@ def to_linear(srgb: Array) -> Array:
     return np.asarray(srgb**2.2)
 
 
-def encode_light(light: Array, exposure: float | None = None) -> NDArray[np.uint8]:
+def encode_light(light: Array | Real, exposure: float | None = None) -> NDArray[np.uint8]:
     """Turn linear light into sRGB bytes, by a table; an exposure rolls bright light off."""
     levels = np.linspace(0, 1 if exposure is None else 3, _LEVELS + 1)
     shown = levels if exposure is None else 1 - np.exp(-exposure * levels)

@@ -17,7 +17,7 @@ from knotfab.render.hung_picture import (
     draw_hung,
     draw_unlit,
 )
-from knotfab.render.part_picture import PartPainter, why_undrawn
+from knotfab.render.part_picture import Light, PartPainter, eye_towards, why_undrawn
 from knotfab_formats.scene import ResolvedView
 
 pytestmark = [
@@ -103,3 +103,18 @@ def test_by_day_no_shadow_lies_on_the_wall() -> None:
     assert apart.sum() > 200
     assert np.median(dark) > 0.95 * np.median(light)
     assert drawn[tuple(body[:, ::-1].astype(int).T)].mean() < 0.8 * np.median(light)
+
+
+def test_a_border_is_covered_in_part_and_a_light_lights_by_its_angle() -> None:
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    eye = eye_towards(np.array([0.0, 0.0, 10.0]), np.zeros(3), (0.3, 1, 0), 10.0, (41, 41), 5.0)
+    angle = np.radians(70.0)
+    far = 1e6 * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    with PartPainter(square, np.array([[0, 1, 2], [0, 2, 3]])) as painter:
+        painter.light(Light(far, np.eye(3)[1], False))
+        light, depth = painter.look(eye)
+    assert light[20, 20] == pytest.approx([0.0, np.cos(angle), 0.0, 1.0], abs=0.01)
+    assert depth[20, 20] == pytest.approx(10.0, rel=1e-4)
+    assert depth[0, 0] == pytest.approx(eye.far)
+    assert light[..., 3].sum() == pytest.approx((2 * eye.focal_px / 10) ** 2, rel=0.03)
+    assert {0.25, 0.5, 0.75} & set(np.round(light[..., 3].ravel(), 2).tolist())
