@@ -5,6 +5,7 @@ Places and lengths are in mm unless a name says otherwise, shares and IoU from 0
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,6 +47,20 @@ def exit_code(checks: Iterable[Check]) -> int:
 def list_unmet(checks: Iterable[Check]) -> list[Check]:
     """List the required checks that did not pass; skipped ones count, since they prove nothing."""
     return [check for check in checks if check.required and check.status != "pass"]
+
+
+COMMON_NAMES = {"3_1": "trefoil", "4_1": "figure-eight knot"}
+
+
+def knot_in_words(name: str, form: str = "{0}") -> str:
+    """Put the common name of a knot beside its symbol: "left-handed 3_1" becomes "left-handed trefoil".
+
+    Args:
+        form: form of the word, and of the name: "{1} ({0})" puts one beside the other.
+    """
+    return re.sub(
+        r"(?<![\w#])(3_1|4_1)(?![\w#])", lambda own: form.format(COMMON_NAMES[own[0]], own[0]), name
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

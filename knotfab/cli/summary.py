@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Mask
 from knotfab.report.summary import mark_of, tell_word
 from knotfab_formats.scene import ResolvedView
+from knotfab_formats.verdict import knot_in_words
 
 if TYPE_CHECKING:
     from knotfab.knots import Knots
@@ -47,8 +48,6 @@ def print_checks(checks: Sequence[Check]) -> None:
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
-
-    from knotfab_validators.conclusion import knot_in_words
 
     table = Table(box=None, pad_edge=False, show_header=True, header_style="dim")
     for column in ("", "check", "measured", "limit", "unit"):

@@ -16,16 +16,9 @@ from validator_parts import circle, trefoil, tube
 from knotfab.base.pool import Workers
 from knotfab.pipeline.verifier import Files, Verifier
 from knotfab_formats.errors import plain
-from knotfab_formats.verdict import Check
+from knotfab_formats.verdict import Check, knot_in_words
 from knotfab_validators.check import at_least, at_most, skip_check
-from knotfab_validators.conclusion import (
-    MARK,
-    PANEL_PX,
-    ask_unit,
-    conclude,
-    draw_failures,
-    knot_in_words,
-)
+from knotfab_validators.conclusion import MARK, PANEL_PX, ask_unit, conclude, draw_failures
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.validate import validate

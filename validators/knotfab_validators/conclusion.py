@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from knotfab_formats.laxer import tell_laxer
-from knotfab_formats.verdict import Check
+from knotfab_formats.verdict import Check, knot_in_words
 from knotfab_validators.arrays import Array
-from knotfab_validators.files.picture import write_image
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
 
 # a part with a longest side below or above these is asked for its unit
 SMALL_MM, LARGE_MM = 2.0, 2000.0
-WORDS = {"3_1": "trefoil", "4_1": "figure-eight knot"}  # common names of knots
 LEAST_IOU = 0.5  # that a shadow needs to be coarse (docs/verdict.md)
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 
@@ -46,17 +43,6 @@ def ask_unit(mesh: Mesh, name: str) -> str | None:
         else "in another unit than mm"
     )
     return f"{name}: is {longest:.3g} mm long: is the file {asked}?"
-
-
-def knot_in_words(name: str, form: str = "{0}") -> str:
-    """Put the common name of a knot beside its symbol: "left-handed 3_1" becomes "left-handed trefoil".
-
-    Args:
-        form: form of the word, and of the name: "{1} ({0})" puts one beside the other.
-    """
-    return re.sub(
-        r"(?<![\w#])(3_1|4_1)(?![\w#])", lambda own: form.format(WORDS[own[0]], own[0]), name
-    )
 
 
 def conclude(
@@ -192,6 +178,10 @@ def draw_failures(
     Returns:
         Whether anything was written: not if no required check failed, or there is nothing to draw.
     """
+    from PIL import Image, ImageDraw, ImageFilter, ImageFont
+
+    from knotfab_validators.files.picture import write_image
+
     failed = sorted((c for c in checks if c.status == "fail"), key=lambda c: not c.required)
     cloud = _cloud(mesh, curves)
     if cloud is None or not any(c.required for c in failed):

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from knotfab_validators.shadows.view import ViewGeometry
     from knotfab_validators.validate import Piece
 
-GEOMETRY = ("igl", "pymeshlab", "scipy.spatial", "scipy.sparse.csgraph")
+GEOMETRY = ("knotfab_validators.part_checks", "igl", "pymeshlab", "scipy.sparse.csgraph")
+SHADOWS = ("knotfab_validators.shadows.part_shadows",)
 
 
 def prepare(*parts: str) -> Iterator[None]:
@@ -42,7 +43,10 @@ def prepare(*parts: str) -> Iterator[None]:
         parts: any of "geometry", "shadows", "graphics", "layers" (of a part that prints without supports).
     """
     importlib.import_module(".validate", __package__)
-    for name in GEOMETRY if "geometry" in parts else ("scipy.ndimage",):
+    for name in (
+        *(GEOMETRY if "geometry" in parts else ()),
+        *(SHADOWS if "shadows" in parts else ()),
+    ):
         yield
         with contextlib.suppress(ImportError):  # the check that needs it reports this
             importlib.import_module(name)

@@ -28,8 +28,6 @@ from knotfab_validators.files.scene import read_knots
 from knotfab_validators.geometry.curves import Curves
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.mesh.same_surface import check_same_3mf, is_own
-from knotfab_validators.part_checks import part_checks
-from knotfab_validators.shadows.part_shadows import skip_shadow_checks, verify_shadows
 
 if TYPE_CHECKING:
     from knotfab_validators.files.scene import Scene
@@ -148,7 +146,10 @@ def measure_piece(
     asked, mesh, setting = skip, piece.mesh, piece.setting
     if setting is not None and setting.unprinted:
         skip = {*skip, *PRINTER}
+    # each half is measured in a process of its own, which loads no more than that
     if only != "shadows":
+        from knotfab_validators.part_checks import part_checks
+
         measured = mesh, piece.curves, setting, seconds, skip, piece.printed
         checks += part_checks(*measured, _read_wall(piece))
         checks += _check_beside(piece, skip, seconds)
@@ -246,6 +247,8 @@ def _check_shadows(
     piece: Piece, skip: Collection[str], pictures_dir: FilePath | None, seconds: dict[str, float]
 ) -> tuple[list[Check], list[View], Colours | None]:
     """Check the shadows, and report on each view and the colours; or skip, and say why."""
+    from knotfab_validators.shadows.part_shadows import skip_shadow_checks, verify_shadows
+
     mesh, setting, scene = piece.mesh, piece.setting, piece.scene
     nameless = [v.name for v in setting.views if not v.picture] if setting is not None else []
     if mesh is None or setting is None or scene is None:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from scipy import ndimage
 
 from knotfab_formats.disk import write_whole
 from knotfab_formats.verdict import Bending
@@ -85,6 +84,8 @@ def widen_strokes(mask: Mask, width_px: float) -> Mask:
     A stroke is what no such disc inside the mask covers, where it goes further from what they cover than
     half the width. On its middle line no neighbour lies 0.7 px further in.
     """
+    from scipy import ndimage
+
     half = width_px / 2
     depth: Array = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
     depth[~mask] = 0.0
@@ -107,6 +108,8 @@ def _mark_within(mask: Mask, reach: float) -> Mask:
     """Mark pixels whose centre is at most `reach` from one of the mask."""
     if not mask.any():
         return mask
+    from scipy import ndimage
+
     return np.asarray(ndimage.distance_transform_edt(~mask) <= reach)
 
 
@@ -167,6 +170,8 @@ def bend_silhouette(mask: Mask, bend: Bend) -> Bent:
         mask = np.fliplr(mask)
     if bend.points is None:
         return Bent(mask, 0.0, 0.0, 1.0, bend.mirrored)
+    from scipy import ndimage
+
     # control points that lie on the frame's edges or inside it
     down = 1 + (np.arange(height) + 0.5) / height * (ROWS - 3)
     right = 1 + (np.arange(width) + 0.5) / width * (COLUMNS - 3)
