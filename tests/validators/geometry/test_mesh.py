@@ -11,6 +11,7 @@ from validator_parts import Array, ring, tangle, trefoil, tube, two
 from knotfab_validators.geometry.curves import (
     Curves,
     cut_edges,
+    halve_sides,
     near_segments,
     nearest_on_two,
     number_runs,
@@ -127,7 +128,7 @@ def test_pieces_cover_each_edge_and_none_is_longer_than_the_step(step: float) ->
 
 def test_quarters_cover_a_triangle() -> None:
     corner = np.random.default_rng(1).normal(size=(5, 3, 3))
-    small = quarter_triangles(corner)
+    small = quarter_triangles(corner, halve_sides(corner))
     area = np.linalg.norm(
         np.cross(*(np.moveaxis(small, 1, 0)[k] - small[:, 0] for k in (1, 2))), axis=1
     )
@@ -135,6 +136,8 @@ def test_quarters_cover_a_triangle() -> None:
         np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
     )
     assert area.reshape(4, 5) == pytest.approx(np.tile(whole / 4, (4, 1)))
+    height = quarter_triangles(corner[..., 2], halve_sides(corner)[..., 2])
+    assert np.array_equal(height, small[..., 2])  # what is known at corners follows them
 
 
 # Distances of points and segments: against fine samples, in degenerate places, and nearly

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,12 +23,13 @@ from solids import (
     table,
     together,
 )
-from validator_parts import circle, tube
+from validator_parts import circle, tangle, tube
 
 from knotfab_formats.piece import Printer
 from knotfab_formats.verdict import PRINTING
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.printing import local_thickness, standing
+from knotfab_validators.printing.local_thickness import Probe
 from knotfab_validators.printing.printability import printability_checks
 
 
@@ -226,6 +228,29 @@ def hairpin(apart: float, radius: float = 2.0, sides: int = 32) -> Mesh:
     step = 2 * np.pi / sides
     mesh = Mesh(*tube(points, radius * float(np.sqrt(step / np.sin(step))), sides))
     return move(mesh, shift=(10, 10, 3))
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        hairpin(4.35),
+        hairpin(9.0, 1.0),
+        crossing_rods(8.0),  # a gap beyond the reach of the first rays
+        box((0, 0, 0), (30, 20, 9)),  # no gap
+        together(hairpin(5.0), move(hairpin(7.0), shift=(0, 0, 30))),
+        Mesh(*tube(tangle(300, 3, 40.0), 1.5, 16)),
+    ],
+)
+def test_rays_of_limited_reach_find_what_those_without_end_do(mesh: Mesh) -> None:
+    class Endless(Probe):
+        def _cast(self, *asked: Any) -> Any:
+            return super()._cast(*asked[:3])
+
+    for found, known in zip(
+        *([p.wall(), p.gap()] for p in (Probe(mesh), Endless(mesh))), strict=True
+    ):
+        assert found.value == known.value
+        assert np.array_equal(found.widths, known.widths) and np.array_equal(found.at, known.at)
 
 
 def test_a_tube_passes_at_its_clearance_and_not_closer() -> None:

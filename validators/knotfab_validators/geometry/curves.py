@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knotfab_validators.arrays import Array, Ints, Mask
+
+_Value = TypeVar("_Value", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -168,10 +172,19 @@ def cut_edges(start: Array, end: Array, step: float) -> tuple[Ints, Array, Array
     return which, number / pieces[which], 1 / pieces[which]
 
 
-def quarter_triangles(corner: Array) -> Array:
-    """Split each triangle (m, 3, 3) into four of half the size, (4m, 3, 3)."""
+def halve_sides(corner: Array) -> Array:
+    """Return the middles of the sides ab, bc and ca of triangles (m, 3, 3)."""
+    return (corner + np.roll(corner, -1, axis=1)) / 2
+
+
+def quarter_triangles(corner: NDArray[_Value], middle: NDArray[_Value]) -> NDArray[_Value]:
+    """Split each triangle into four of half the size: what is known at its corners, (4m, 3, ...).
+
+    Args:
+        corner, middle: (m, 3, ...) the points, or values there, of corners and of the sides' middles.
+    """
     a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    ab, bc, ca = middle[:, 0], middle[:, 1], middle[:, 2]
     pieces = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.concatenate([np.stack(piece, axis=1) for piece in pieces])
 

@@ -42,6 +42,11 @@ class Mesh:
         return normal / np.where(length > 0, length, 1.0)[:, None], length / 2
 
     @cached_property
+    def contiguous(self) -> tuple[Array, Ints]:
+        """Vertices and faces as libigl wants them."""
+        return np.ascontiguousarray(self.vertices), np.ascontiguousarray(self.faces)
+
+    @cached_property
     def balanced(self) -> bool:
         """Whether the surface has no rim, so that its winding numbers are whole."""
         return is_balanced(self.faces, len(self.vertices))
@@ -207,11 +212,19 @@ def move_points(points: Array, motion: Array) -> Array:
 # Distances of points from a surface, and winding numbers around them (libigl).
 
 
+@lru_cache(maxsize=2)  # `tube` asks it for distances, `feature` and `gap` cast rays
+def face_tree(mesh: Mesh) -> Any:
+    """Return a tree of the faces' boxes (libigl's AABB), which is asked with `mesh.contiguous`."""
+    from igl import AABB
+
+    tree: Any = AABB()
+    tree.init(*mesh.contiguous)
+    return tree
+
+
 def surface_distance(points: Array, mesh: Mesh) -> Array:
     """Return the distances (n,), mm, from points (n, 3) to the nearest face."""
-    from igl import point_mesh_squared_distance
-
-    square = point_mesh_squared_distance(*_contiguous(points, mesh.vertices, mesh.faces))[0]
+    square = face_tree(mesh).squared_distance(*mesh.contiguous, np.ascontiguousarray(points))[0]
     return np.sqrt(np.maximum(np.asarray(square, dtype=np.float64), 0.0))
 
 
@@ -233,14 +246,9 @@ def winding_numbers(points: Array, mesh: Mesh, *, exact: bool = True) -> Array:
     if exact and len(points) > 1 and mesh.balanced:
         found, unsure = count_above(points, mesh.vertices, mesh.faces)
     if unsure.any():
-        summed = wind(*_contiguous(mesh.vertices, mesh.faces, points[unsure]))
+        summed = wind(*mesh.contiguous, np.ascontiguousarray(points[unsure]))
         found[unsure] = np.asarray(summed, dtype=np.float64).ravel()
     return found
-
-
-def _contiguous(*arrays: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    """Make arrays contiguous, as libigl requires."""
-    return tuple(np.ascontiguousarray(array) for array in arrays)
 
 
 # A tube swept around until it meets itself, but not sewn there: its two rims are joined.

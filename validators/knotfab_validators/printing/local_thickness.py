@@ -11,7 +11,7 @@ import numpy as np
 from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.geometry.curves import number_runs
-from knotfab_validators.geometry.mesh import Mesh, corner_faces
+from knotfab_validators.geometry.mesh import Mesh, corner_faces, face_tree
 from knotfab_validators.geometry.surface import bound_work
 from knotfab_validators.geometry.triangles import point_triangle, triangle_triangle
 
@@ -21,6 +21,7 @@ MOST_SAMPLES = 200_000
 FACING = float(np.cos(np.radians(30.0)))
 SLIVER_MM = 1e-2  # a lower face has no reliable normal: nothing is measured from it
 SLANTING = float(np.cos(np.radians(75.0)))  # a face that slants more does not even hint at a gap
+TRIED = 64  # one sample of so many tells how thick the walls are
 SEED_MM = 3.0  # around narrower places, all faces are sampled
 MOST_SEEDS = 300
 NEAR_MM = 1.2  # only the narrowest of the wider gaps is refined by a walk
@@ -84,12 +85,9 @@ class Probe:
     """
 
     def __init__(self, mesh: Mesh, spacing: float = SAMPLE_MM) -> None:
-        from igl import AABB
-
         took_part("libigl", "measured walls and gaps")
         self.mesh = mesh
-        self.vertices = np.ascontiguousarray(mesh.vertices)
-        self.faces = np.ascontiguousarray(mesh.faces)
+        self.vertices, self.faces = mesh.contiguous
         self.normals, areas = mesh.normals
         corner = mesh.vertices[mesh.faces]
         sides = corner - corner[:, [1, 2, 0]]
@@ -97,8 +95,6 @@ class Probe:
         self.height = 2 * areas / np.maximum(edges.max(axis=1), 1e-300)
         self.usable = self.height > SLIVER_MM
         self.spacing = max(spacing, float(np.sqrt(4 * areas.sum() / MOST_SAMPLES)))
-        self.tree: Any = AABB()
-        self.tree.init(self.vertices, self.faces)
         self.point, self.face = _thin(
             *_sample_lattice(corner, edges, self.height, self.usable, self.spacing),
             self.normals,
@@ -113,7 +109,13 @@ class Probe:
         A tube's is its diameter between opposite sides; an edge sharper than 30° counts as a wall
         that thins out, as thin as at the nearest sample.
         """
-        seen = self._facing(-1.0)
+        some = slice(None, None, TRIED)
+        tried, _ = self._cast(self.point[some], self.face[some], -1.0)
+        # rays that end soon cost less, and the narrowest places are all that is told
+        reach = max(SEED_MM, 1.5 * float(np.median(tried.width))) if len(tried.width) else np.inf
+        seen = self._facing(-1.0, reach)
+        if (seen.width < 0.99 * reach).sum() < BATCH * MOST_BATCHES:
+            seen = self._facing(-1.0)
         return self._narrowest(seen.width, (seen.point + seen.hit) / 2)
 
     def gap(self, near_mm: float = NEAR_MM) -> LocalThickness:
@@ -128,10 +130,15 @@ class Probe:
 
         Places wider than `near_mm` are walked from only as far as the narrowest one needs.
         """
-        seen = self._facing(1.0)
+        reach = max(SEED_MM, 2 * near_mm)
+        found, enough = self._walk(self._facing(1.0, reach), near_mm)
+        return found if enough else self._walk(self._facing(1.0), near_mm)[0]
+
+    def _walk(self, seen: Facing, near_mm: float) -> tuple[LocalThickness, bool]:
+        """Walk from the narrowest places seen; also tell whether wider ones could change nothing."""
         order = np.argsort(seen.width, kind="stable")
-        order = order[_first_in_cube((seen.point[order] + seen.hit[order]) / 2, self.spacing)]
-        best, value = np.full(0, np.inf), np.inf
+        order = order[self._first_in_cube((seen.point[order] + seen.hit[order]) / 2)]
+        best, value, enough = np.full(0, np.inf), np.inf, True
         at = np.empty((0, 3))
         for start in range(0, min(len(order), MOST_BATCHES * BATCH), BATCH):
             some = seen.take(order[start : start + BATCH])
@@ -143,29 +150,30 @@ class Probe:
             best, at = np.concatenate([best, width]), np.concatenate([at, middle])
             value = float(best.min())
         else:
+            enough = False
             rest = order[MOST_BATCHES * BATCH :]  # the rest is measured at the samples
             best = np.concatenate([best, seen.width[rest]])
             at = np.concatenate([at, (seen.point[rest] + seen.hit[rest]) / 2])
         real = np.isfinite(best)
-        return self._narrowest(best[real], at[real])
+        return self._narrowest(best[real], at[real]), enough
 
     def _narrowest(self, width: Array, middle: Array) -> LocalThickness:
         order = np.argsort(width, kind="stable")[: BATCH * MOST_BATCHES]
         if not len(order):
             return LocalThickness(np.inf, np.empty(0), np.empty((0, 3)))
-        order = order[_first_in_cube(middle[order], self.spacing)][:BATCH]
+        order = order[self._first_in_cube(middle[order])][:BATCH]
         return LocalThickness(float(width[order[0]]), width[order], middle[order])
 
-    def _facing(self, side: float) -> Facing:
-        """Find what the samples face, outside (1) or through the material (-1).
+    def _facing(self, side: float, reach: float = np.inf) -> Facing:
+        """Find what the samples face, outside (1) or through the material (-1), up to a `reach`.
 
         All faces near the narrowest places are sampled too: the sample that was kept there may
         look past what its neighbours face.
         """
-        seen, cosine = self._cast(self.point, self.face, side)
+        seen, cosine = self._cast(self.point, self.face, side, reach)
         order = np.flatnonzero(seen.width <= SEED_MM)
         order = order[np.argsort(seen.width[order], kind="stable")]
-        seeds = order[_first_in_cube(seen.point[order], self.spacing)][:MOST_SEEDS]
+        seeds = order[self._first_in_cube(seen.point[order])][:MOST_SEEDS]
         good = np.flatnonzero(cosine >= FACING)
         if not len(seeds):
             return seen.take(good)
@@ -175,9 +183,13 @@ class Probe:
         near = self._middles.query_ball_point(*around)
         face = np.unique(np.concatenate([np.asarray(n, dtype=np.int64) for n in near]))
         face = face[self.usable[face]]
-        more, cosine = self._cast(self._middles.data[face], face, side)
+        more, cosine = self._cast(self._middles.data[face], face, side, reach)
         one, two = seen.take(good), more.take(np.flatnonzero(cosine >= FACING))
         return one.join(two)
+
+    def _first_in_cube(self, point: Array) -> Ints:
+        """Return the indices, ascending, of the first of points on or in the part in each cube."""
+        return _first_in_cube(point, self.spacing, self.vertices.min(axis=0))
 
     @cached_property
     def _middles(self) -> Any:
@@ -186,12 +198,14 @@ class Probe:
 
         return cKDTree(self.vertices[self.faces].mean(axis=1))
 
-    def _cast(self, point: Array, face: Ints, side: float) -> tuple[Facing, Array]:
+    def _cast(
+        self, point: Array, face: Ints, side: float, reach: float = np.inf
+    ) -> tuple[Facing, Array]:
         """Cast rays along the normals; return what they meet, and the cosine of the planes."""
         direction = side * self.normals[face]
         start = np.ascontiguousarray(point + START_MM * direction)
-        other, _, _ = self.tree.intersect_ray_first(
-            self.vertices, self.faces, start, np.ascontiguousarray(direction)
+        other, _, _ = face_tree(self.mesh).intersect_ray_first(
+            self.vertices, self.faces, start, np.ascontiguousarray(direction), reach
         )
         other = np.asarray(other, dtype=np.int64)
         cosine = -np.einsum("ij,ij->i", self.normals[face], self.normals[other])
@@ -302,15 +316,19 @@ def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Arr
     # a random choice: the first in each cube would be the same facet all along a tube
     lot = np.random.default_rng(0).permutation(len(point))
     # keep faces in order, which makes rays faster
-    keep = np.sort(lot[_first_in_cube(point[lot], spacing, way[lot])])
+    keep = np.sort(lot[_first_in_cube(point[lot], spacing, point.min(axis=0), way[lot])])
     return point[keep], face[keep]
 
 
-def _first_in_cube(point: Array, size: float, way: Ints | None = None) -> Ints:
-    """Return the indices, ascending, of the first point in each cube of `size` mm (and of each `way`)."""
+def _first_in_cube(point: Array, size: float, origin: Array, way: Ints | None = None) -> Ints:
+    """Return the indices, ascending, of the first point in each cube of `size` mm (and of each `way`).
+
+    Args:
+        origin: (3,) a corner of the cubes, below all points.
+    """
     if not len(point):
         return np.empty(0, dtype=np.int64)
-    cell = np.floor((point - point.min(axis=0)) / size).astype(np.int64)
+    cell = np.floor((point - origin) / size).astype(np.int64)
     wide = cell.max(axis=0) + 1
     key = (cell[:, 2] * wide[1] + cell[:, 1]) * wide[0] + cell[:, 0]
     if way is not None:

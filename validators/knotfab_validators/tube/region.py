@@ -9,7 +9,13 @@ import numpy as np
 from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array
 from knotfab_validators.check import at_most, skip_check, spot, worst_apart
-from knotfab_validators.geometry.curves import Curves, cut_edges, quarter_triangles, view_axes
+from knotfab_validators.geometry.curves import (
+    Curves,
+    cut_edges,
+    halve_sides,
+    quarter_triangles,
+    view_axes,
+)
 from knotfab_validators.geometry.mesh import (
     Mesh,
     collision_body,
@@ -177,7 +183,8 @@ def measure_part_excess(surface: Mesh, part: Mesh) -> tuple[Array, Array]:
     step, left = SAMPLE_MM, MOST_SAMPLES
     while len(corner) and left > 0:
         longest = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2).max(axis=1)
-        corner = quarter_triangles(corner[longest > step][: max(left // 12, 1)])
+        corner = corner[longest > step][: max(left // 12, 1)]
+        corner = quarter_triangles(corner, halve_sides(corner))
         points.append(corner.reshape(-1, 3))
         left -= len(points[-1])
     chosen = np.concatenate(points)

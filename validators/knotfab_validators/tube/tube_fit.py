@@ -9,7 +9,13 @@ import numpy as np
 from knotfab_formats.verdict import Check
 from knotfab_validators.arrays import Array, Ints, Mask
 from knotfab_validators.check import at_most, places, skip_check, spot, worst_apart
-from knotfab_validators.geometry.curves import CurveEdges, Curves, cut_edges, quarter_triangles
+from knotfab_validators.geometry.curves import (
+    CurveEdges,
+    Curves,
+    cut_edges,
+    halve_sides,
+    quarter_triangles,
+)
 from knotfab_validators.geometry.mesh import Mesh, surface_distance, winding_numbers
 
 # share of the radius: facets cost knotfab's parts about 1 %, twelve flat sides 3.4 %
@@ -268,19 +274,20 @@ def _from_mesh(mesh: Mesh, line: _Line, mounted: bool, bed: float | None) -> tup
     distance, off, edge = measure(mesh.vertices)
     used = np.flatnonzero(np.bincount(mesh.faces.reshape(-1), minlength=len(off)))
     points, values = [mesh.vertices[used]], [off[used]]
-    corner, low, at = mesh.vertices[mesh.faces], distance[mesh.faces].min(axis=1), edge[mesh.faces]
+    corner, far, at = mesh.vertices[mesh.faces], distance[mesh.faces], edge[mesh.faces]
     for _ in range(LEVELS):
         # a place that cannot exceed the known maximum needs no closer look
         deepest = max(LIMIT, *(float(v.max()) for v in values))
-        dips = np.flatnonzero(_may_dip(corner, low, at, line, deepest))[:50_000]  # faces
+        dips = np.flatnonzero(_may_dip(corner, far.min(axis=1), at, line, deepest))[:50_000]
         if not len(dips):
             break
-        corner = quarter_triangles(corner[dips])
-        flat = corner.reshape(-1, 3)
-        distance, off, edge = measure(flat)
-        points.append(flat)
+        middle = halve_sides(corner[dips])
+        points.append(middle.reshape(-1, 3))
+        distance, off, edge = measure(points[-1])
         values.append(off)
-        low, at = distance.reshape(-1, 3).min(axis=1), edge.reshape(-1, 3)
+        corner = quarter_triangles(corner[dips], middle)
+        far = quarter_triangles(far[dips], distance.reshape(-1, 3))
+        at = quarter_triangles(at[dips], edge.reshape(-1, 3))
     return np.concatenate(points), np.concatenate(values)
 
 
