@@ -25,6 +25,7 @@ from knotfab_formats.piece import Mount
 from knotfab_formats.scene import SettledScene
 
 if TYPE_CHECKING:
+    from manifold3d import Manifold
     from shapely import Geometry, Polygon
 
 STRIP_MM = 12.0  # wide are strips that join islands
@@ -34,6 +35,7 @@ WITHIN_MM = 0.1  # an outline is drawn with straight lines so near to it
 NEUTRAL_MM, CORNER_MM = 3.0, 14.0  # about the piece, and corners, of a rounded plate
 PRINT_MM = 0.2  # about a foot, which a plate reaches past at least
 LEAST_BACK_MM = 0.15  # of a plate below the lowest foot
+_AT_ONCE = 4  # joints on the wall whose responses are solved for together
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,8 @@ def plan_foot_plate(
     """
     face = camera.middle + settings.before_wall_mm * camera.wall_axes[2]
     to_wall = np.column_stack([camera.wall_axes, -camera.wall_axes @ face])
-    feet = _find_feet(tubes, to_wall, settings.thickness_mm)
+    below = [as_manifold(tube).transform(to_wall).trim_by_plane((0, 0, -1), 0) for tube in tubes]
+    feet = _find_feet(below, settings.thickness_mm)
     knot_of = np.array([foot.knot for foot in feet], dtype=np.int64)
     count = np.bincount(knot_of, minlength=len(tubes))
     if not count.all():
@@ -111,7 +114,7 @@ def plan_foot_plate(
     if settings.plate != "roots":
         plate = FootPlate(*_shape_plate(shadow, feet, camera, settings), *own)
         return _standing(plate, moves, knots)
-    prints, middles = _print_feet(tubes, to_wall), np.array([foot.middle for foot in feet])
+    prints, middles = _print_feet(below), np.array([foot.middle for foot in feet])
     dark = _find_dark(shadow, camera, settings, target)
     most_mm2 = MOST_OUTSIDE * float(np.prod(camera.frame_mm))
     found = list[StandingPiece]()
@@ -172,12 +175,11 @@ def foot_plate_fixture(plate: FootPlate, camera: Camera, settings: Mount) -> Fix
     return Fixture("plate", outlined_plate, sizes, np.column_stack([wall, back]))
 
 
-def _find_feet(tubes: list[Mesh], to_wall: Array, thickness_mm: float) -> list[_Foot]:
-    """Find the pieces of tube below the wall's face (3, 4) that do not meet there."""
+def _find_feet(below: list[Manifold], thickness_mm: float) -> list[_Foot]:
+    """Find the pieces of each tube that do not meet below the wall's face, z = 0."""
     found = []
-    for number, tube in enumerate(tubes):
-        below = as_manifold(tube).transform(to_wall).trim_by_plane((0.0, 0.0, -1.0), 0.0)
-        for foot in below.decompose():
+    for number, own in enumerate(below):
+        for foot in own.decompose():
             x0, y0, z0, x1, y1, _ = foot.bounding_box()
             if -z0 > thickness_mm - LEAST_BACK_MM:
                 raise SceneError(
@@ -238,14 +240,11 @@ def _find_dark(shadow: Geometry, camera: Camera, settings: Mount, target: Mask |
     return shadow.intersection(shapely.affinity.scale(shadow, nearer, nearer, origin=origin))
 
 
-def _print_feet(tubes: list[Mesh], to_wall: Array) -> Geometry:
-    """Draw what the tubes cover of a plate's face, and a rim about it."""
+def _print_feet(below: list[Manifold]) -> Geometry:
+    """Draw what the tubes below a plate's face cover of it, and a rim about that."""
     import shapely
 
-    rings = []
-    for tube in tubes:
-        below = as_manifold(tube).transform(to_wall).trim_by_plane((0.0, 0.0, -1.0), 0.0)
-        rings += [shapely.Polygon(ring) for ring in below.project().to_polygons()]
+    rings = [shapely.Polygon(ring) for own in below for ring in own.project().to_polygons()]
     return shapely.union_all(rings).buffer(PRINT_MM)
 
 
@@ -396,10 +395,18 @@ def lean_on_wall(
     how = stiffness.young_mpa, stiffness.density_g_cm3, DOWN, held
     frame = assemble_frame(beams, np.empty(0, dtype=np.int64), *how)
     away = out[axis] * frame.displacements().ravel()[off]
-    # the forces p >= 0 of the wall, which leave no joint within it, have the least p G p / 2 + away p
-    yields = frame.moves_under(off)[off]
-    lower = np.linalg.cholesky(yields + 1e-9 * yields.max() * np.eye(len(off)))
-    force, _ = nnls(lower.T, -np.linalg.solve(lower, away))
+    # the forces p >= 0 of the wall, which leave no joint within it, have the least p G p / 2 + away p; most
+    # joints bear none, so those that are farthest within it are added a few at a time
+    left, force, least = away, np.empty(0), -1e-9 * np.abs(away).max()
+    borne, yields = np.empty(0, dtype=np.int64), np.empty((len(off), 0))
+    while len(within := np.setdiff1d(np.flatnonzero(left < least), borne)):
+        more = within[np.argsort(left[within])[:_AT_ONCE]]
+        borne = np.append(borne, more)
+        yields = np.hstack([yields, frame.moves_under(off[more])[off]])
+        among = yields[borne]
+        lower = np.linalg.cholesky(among + 1e-9 * among.max() * np.eye(len(borne)))
+        force, _ = nnls(lower.T, -np.linalg.solve(lower, away[borne]))
+        left = away + yields @ force
     held = held.copy()
-    held[off[force > 0]] = True
+    held[off[borne[force > 0]]] = True
     return held

@@ -15,7 +15,7 @@ from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.geometry.legs import Bar, find_legs, plan_bars
 from knotfab.geometry.overhang import Rules
-from knotfab.geometry.tube import WITHIN_MM, Mesh, as_manifold, as_mesh, face_normals, sweep
+from knotfab.geometry.tube import WITHIN_MM, Faces, Mesh, as_manifold, as_mesh, face_normals, sweep
 from knotfab.hold.lamp_frame import Table, frame_or_reason
 from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
@@ -235,6 +235,7 @@ def _cut_level(body: Mesh, height: float) -> Mesh:
 
 # Slivers along the seams of a union may turn over when their corners are rounded; edges shorter than
 # these are collapsed, the least that is enough.
+_SLIVER_MM = 1e-3  # high: a face that rounding may turn over
 TOLERANCES_MM = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 
 
@@ -261,14 +262,29 @@ def clean_body(body: Mesh) -> Mesh:
 
 
 def _is_clean(body: Mesh) -> bool:
+    """Return whether no faces cross, none is without an area, and no two corners are one.
+
+    Slivers and what meets them are asked first: what rounding turns over is among them, nearly always.
+    """
+    vertices, faces = body
+    edges = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
+    doubled = np.linalg.norm(face_normals(vertices[faces]), axis=1)
+    slivers = doubled <= _SLIVER_MM * np.linalg.norm(edges, axis=2).max(axis=1)
+    thin = np.zeros(len(vertices), dtype=bool)
+    thin[faces[slivers]] = True
+    return bool(
+        doubled.all()
+        and not _cross(vertices, faces[thin[faces].any(axis=1)])
+        and len(np.unique(vertices, axis=0)) == len(vertices)
+        and not _cross(vertices, faces)
+    )
+
+
+def _cross(vertices: Array, faces: Faces) -> bool:
+    """Return whether two of these faces cross, by libigl's exact predicates."""
     from igl import predicates
 
-    vertices, faces = body
-    if len(np.unique(vertices, axis=0)) < len(vertices):
-        return False  # two corners became one
-    if not face_normals(vertices[faces]).any(axis=1).all():
-        return False
     _, pairs, _ = predicates.find_self_intersections(
         np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64)
     )
-    return len(pairs) == 0
+    return len(pairs) > 0

@@ -127,6 +127,34 @@ def test_a_strip_leans_on_the_wall_below_its_screw_and_lifts_off_above_it(
     assert (lean_on_wall(beams, free, np.array([0, 1]), aslant, pla) == free).all()
 
 
+def test_no_joint_of_a_long_strip_is_within_the_wall_and_the_wall_only_presses() -> None:
+    """Arms of several lengths stand out from it, so that it would wave into the wall between screws."""
+    n = 40
+    along = np.column_stack([np.zeros(n), 5.0 * np.arange(n), np.zeros(n)])
+    arms = np.arange(3, n, 5)
+    far = along[arms] + np.array([0.0, 0.0, 1.0]) * (20.0 + 37.0 * (arms % 4))[:, None]
+    ends = np.concatenate(
+        [
+            np.column_stack([np.arange(n - 1), np.arange(1, n)]),
+            np.column_stack([arms, n + np.arange(len(arms))]),
+        ]
+    )
+    beams = round_beams(np.concatenate([along, far]), ends, np.full(len(ends), 1.5))
+    screws = np.zeros((len(beams.joints), 6), dtype=bool)
+    screws[[0, 13, 26, n - 1]] = True
+    pla, out = Stiffness(2000.0, 1.24, 0.5), np.array([0.0, 0.0, 1.0])
+    held = lean_on_wall(beams, screws.ravel(), np.arange(n), out, pla)
+    how = np.array([]), pla.young_mpa, pla.density_g_cm3, DOWN
+    alone = assemble_frame(beams, *how, screws.ravel())
+    free = alone.displacements()[:n, 2]
+    moved = assemble_frame(beams, *how, held).displacements()[:n, 2]
+    leaning = np.flatnonzero(held & ~screws.ravel())
+    assert len(leaning) > 3 and (leaning % 6 == 2).all()
+    assert free.min() < -1e-3 and moved.min() > -1e-8
+    pushes = np.linalg.solve(alone.moves_under(leaning)[leaning], -free[leaning // 6])
+    assert (pushes > 0).all()
+
+
 def test_what_nothing_holds_is_refused() -> None:
     with pytest.raises(ValueError, match="held"):
         deflect(line(10.0, 2), np.array([], dtype=int))
