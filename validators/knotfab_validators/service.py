@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from knotfab_validators.validate import Piece
 
 GEOMETRY = ("knotfab_validators.part_checks", "igl", "pymeshlab", "scipy.sparse.csgraph")
-SHADOWS = ("knotfab_validators.shadows.part_shadows",)
+SHADOWS = ("knotfab_validators.shadows.part_shadows", "scipy.ndimage")
 
 
 def prepare(*parts: str) -> Iterator[None]:

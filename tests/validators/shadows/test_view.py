@@ -180,13 +180,13 @@ def test_faces_across_the_light_and_the_wall_are_cut_there() -> None:
         caster.lines(g)
     for light in (g.light, g.light + [15.0, -10.0, 5.0]):
         moved = replace(g, light=light)
-        seen, table = caster.render(moved), caster._seen[1]
+        seen, last = caster.render(moved), caster._last
         expected = met_by_rays(moved, corners)
         np.testing.assert_array_equal(seen, expected)
         assert (expected & ~met_by_rays(moved, corners[4:])).sum() > 50
         assert (expected & ~met_by_rays(moved, np.delete(corners, range(4, 8), 0))).sum() > 50
         caster.render(replace(moved, light=light + 1.0))
-        assert caster._seen[1] is table and len(table.faces) == 4
+        assert caster._last is last and last is not None and len(last[2].faces) == 4
 
 
 @needs_rendering

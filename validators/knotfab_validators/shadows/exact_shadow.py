@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from knotfab_formats.libraries import took_part
 from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.check import BadFile
+from knotfab_validators.geometry.curves import number_runs
 from knotfab_validators.shadows.render import Renderer
 from knotfab_validators.shadows.view import ViewGeometry
 
@@ -112,7 +114,10 @@ def cut_before(homogeneous: Array, faces: Ints, limit: float) -> tuple[Array, In
 
 
 def shadow_lines(
-    vertices: Array, faces: Ints, geometry: ViewGeometry, table: EdgeTable | None = None
+    vertices: Array,
+    faces: Ints,
+    geometry: ViewGeometry,
+    table: Callable[[], EdgeTable] | None = None,
 ) -> Linework:
     """Return a mesh's silhouette edges as oriented lines, in pixels of the flat receiver.
 
@@ -123,7 +128,7 @@ def shadow_lines(
 
     Args:
         vertices: (n, 3), mm, in the coordinates of `geometry`.
-        faces: (m, 3) indices. table: their edge table, if it is at hand.
+        faces: (m, 3) indices. table: gives their edge table, which is asked if nothing is cut off.
 
     Raises:
         ShadowError: the part reaches the light or lies behind it.
@@ -136,10 +141,10 @@ def shadow_lines(
         raise ShadowError("the part reaches the light, or lies behind it: its shadow is unbounded")
     # matter on or behind the receiver plane casts no shadow
     cut = cut_before(h, faces, geometry.w_of_receiver)
-    if cut is not None:
-        h, faces = cut
-        table = None
-    return (table or EdgeTable(faces, len(h))).find_silhouette(on_page(h))
+    if cut is None and table is not None:
+        return table().find_silhouette(on_page(h))
+    h, faces = cut or (h, faces)
+    return EdgeTable(faces, len(h)).find_silhouette(on_page(h))
 
 
 def on_page(homogeneous: Array) -> Array:
@@ -204,7 +209,7 @@ def wound_mask(parts: Iterable[Linework], width: int, height: int) -> Mask:
     for lines in parts:
         start, end = (np.ascontiguousarray(x, dtype=np.float64) for x in (lines.start, lines.end))
         _add_edges(raster, start, end, np.ascontiguousarray(lines.weight, dtype=np.int64))
-    return np.asarray(np.cumsum(raster, axis=1) != 0)
+    return np.asarray(np.cumsum(raster, axis=1, dtype=np.int32, out=raster) != 0)
 
 
 @compiled
@@ -227,22 +232,15 @@ def _add_edges(raster: NDArray[np.int32], start: Array, end: Array, weight: Ints
 
 
 def winding_at(points: Array, lines: Linework) -> Ints:
-    """Return the winding numbers (m,) at points (m, 2), by a search tree over the edges."""
-    if len(points) == 0 or len(lines.start) == 0:
-        return np.zeros(len(points), dtype=np.int64)
+    """Return the winding numbers (m,) at points (m, 2): of the edges in each one's row, those to its left."""
     edges, slope = _rising_edges(lines)
-    left = float(np.minimum(edges.start[:, 0], edges.end[:, 0]).min()) - 1.0
-    tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
-    rays = shapely.linestrings(
-        np.stack([np.column_stack([np.minimum(points[:, 0], left), points[:, 1]]), points], axis=1)
-    )
-    at, edge = tree.query(rays)
+    order = np.argsort(points[:, 1], kind="stable")
+    rows = points[order, 1]
+    first, last = np.searchsorted(rows, edges.start[:, 1]), np.searchsorted(rows, edges.end[:, 1])
+    edge, number = number_runs(last - first)
+    at = order[first[edge] + number]
     x, y = points[at, 0], points[at, 1]
-    hit = (
-        (edges.start[edge, 1] <= y)
-        & (y < edges.end[edge, 1])
-        & (edges.start[edge, 0] + (y - edges.start[edge, 1]) * slope[edge] <= x)
-    )
+    hit = edges.start[edge, 0] + (y - edges.start[edge, 1]) * slope[edge] <= x
     sums = np.bincount(at[hit], edges.weight[edge[hit]], minlength=len(points))
     numbers: Ints = np.rint(sums).astype(np.int64)
     return numbers
@@ -264,9 +262,12 @@ class ShadowCaster(Renderer):
     def __init__(self, vertices: Array, faces: Ints) -> None:
         super().__init__(vertices)
         self._faces = np.asarray(faces, dtype=np.int64)
-        self._table = EdgeTable(self._faces, len(vertices))
-        # the next picture uses nearly the same faces as the last
-        self._seen = np.ones(len(self._faces), dtype=bool), self._table
+        # all places of the light before one receiver share the faces seen whole, and their table
+        self._last: tuple[Mask, Ints, EdgeTable] | None = None
+
+    @cached_property
+    def _table(self) -> EdgeTable:
+        return EdgeTable(self._faces, len(self._vertices))
 
     def lines(self, geometry: ViewGeometry) -> Linework:
         """Return `shadow_lines` of the mesh.
@@ -274,17 +275,18 @@ class ShadowCaster(Renderer):
         Raises:
             ShadowError: the part reaches the light or lies behind it.
         """
-        return shadow_lines(self._vertices, self._faces, geometry, self._table)
+        return shadow_lines(self._vertices, self._faces, geometry, lambda: self._table)
 
     def render(self, geometry: ViewGeometry) -> Mask:
         h, faces = geometry.lift(self._vertices), self._faces
         seen = (h[:, 2] > NEAREST) & (h[:, 2] < geometry.w_of_receiver)
-        every = bool(seen.all())
-        whole = np.ones(len(faces), dtype=bool) if every else np.asarray(seen[faces].all(axis=1))
-        table = self._table if every else self._find_table(whole)
+        if self._last is None or not np.array_equal(seen, self._last[0]):
+            whole = np.asarray(seen[faces].all(axis=1))
+            table = self._table if whole.all() else EdgeTable(faces[whole], len(h))
+            self._last = seen, faces[~whole], table
+        _, pieces, table = self._last
         lines = table.find_silhouette(on_page(h))
-        if not whole.all():  # winding numbers add up, and the shared edges cancel
-            pieces = faces[~whole]
+        if len(pieces):  # winding numbers add up, and the shared edges cancel
             # matter nearer to the light is clipped, as a camera does
             for sign, bound in ((-1.0, -NEAREST), (1.0, geometry.w_of_receiver)):
                 turned = h * [1.0, 1.0, sign]
@@ -297,11 +299,3 @@ class ShadowCaster(Renderer):
                 np.concatenate([lines.weight, cut.weight]),
             )
         return wound_mask([lines], geometry.width, geometry.height)
-
-    def _find_table(self, whole: Mask) -> EdgeTable:
-        """Build the table of the faces seen whole; all places of the light before one receiver share it."""
-        known, table = self._seen
-        if not np.array_equal(known, whole):
-            table = EdgeTable(self._faces[whole], len(self._vertices))
-            self._seen = whole, table
-        return table

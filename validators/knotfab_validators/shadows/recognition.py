@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from knotfab_formats.verdict import WORDS, Loss, Recognition
-from knotfab_validators.arrays import Mask
+from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.shadows.frame import WorkingFrame
 from knotfab_validators.shadows.outlines import depth_in, find_wrong_stretch
 from knotfab_validators.shadows.shapes import (
@@ -124,7 +124,8 @@ class _Compared:
     """A shadow beside its picture, on a grid whose pixels are `step` pixels of the masks wide.
 
     `own` is the shadow whose outline is compared, `there` the picture without what is lost or unseen, and
-    `legs` what legs darken beside both, between the picture's top and foot.
+    `legs` what legs darken beside both, between the picture's top and foot; `off_own` and `off_wanted` how
+    far pixels lie outside of these two.
     `radius_px` and `reach` are in the grid's pixels; the changes, the picture's pieces and holes (`features`)
     and the tips that are cut off are in the masks'. `spared` is the share of the union of both that bridges
     spill which the scene requested.
@@ -137,6 +138,8 @@ class _Compared:
     legs: Mask
     wanted: Mask
     there: Mask
+    off_own: Array
+    off_wanted: Array
     changes: list[Change]
     features: list[Box]
     tips: list[Change]
@@ -153,8 +156,10 @@ def _compare_on_grid(
     seen, wanted = shadow[::step, ::step], target[::step, ::step]
     own = seen if outlined is None else outlined[::step, ::step]
     legs = seen & ~own & _between_rows(wanted)
+    off_wanted = depth_in(~wanted)
     if bridged:  # requested bridges are no fault of the outline
-        own = own & (depth_in(~wanted) <= 2 * radius)
+        own = own & (off_wanted <= 2 * radius)
+    off_own = depth_in(~own)
     changes = find_changes(seen, wanted, reach)
     asked = sorted((c for c in changes if c.kind == "gap"), key=lambda c: c.width_px)[:bridged]
     found = [c for c in changes if not any(c is gap for gap in asked)]
@@ -173,9 +178,11 @@ def _compare_on_grid(
         legs=legs,
         wanted=wanted,
         there=there,
+        off_own=off_own,
+        off_wanted=off_wanted,
         changes=[change.enlarged(step) for change in (*found, *misshapen)],
         features=[enlarge_box(box, step) for box in list_pieces(wanted, reach)],
-        tips=[tip.enlarged(step) for tip in _find_tips(there, own, TIP * radius)],
+        tips=[tip.enlarged(step) for tip in _find_tips(there, off_own, TIP * radius)],
         spared=float(spill.sum() / (seen | wanted).sum()),
     )
 
@@ -219,7 +226,8 @@ def _measure_facts(
     torn = [c for c in (single if drawn else found.changes) if not isinstance(c, Shape)]
     shapes = [c.likeness for c in single if isinstance(c, Shape)]
     off = find_wrong_stretch(close_slits(own, SLIT * found.reach), there)
-    strays = (*_find_tips(own, there, TIP * radius), *_find_tips(there, own, 0))
+    beyond = _find_tips(own, depth_in(~there), TIP * radius)
+    strays = (*beyond, *_find_tips(there, found.off_own, 0))
     tube_px = 2 * radius * found.step  # the width of the tube's shadow, in the masks' pixels
     return Facts(
         iou=iou,
@@ -240,9 +248,9 @@ def _measure_facts(
         text=sum(len(inside) > TEXT * row.pieces for row, inside in rows.text),
         specks=specks.count,
         speck_share=specks.area_mm2 / (area * pixel_mm**2),
-        hurt=_count_hurt(own, wanted, found.reach) / area,
+        hurt=_count_hurt(found) / area,
         astray=max((c.width_px for c in strays), default=0.0) / radius,
-        leg=float(depth_in(~wanted)[found.legs].max(initial=0.0)) / radius,
+        leg=float(found.off_wanted[found.legs].max(initial=0.0)) / radius,
         fine=sum(_is_lost(c) and c.width_px < RULES["good"].lost_tubes * tube_px for c in torn),
     )
 
@@ -256,9 +264,8 @@ def _between_rows(mask: Mask) -> Mask:
     return between
 
 
-def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:
-    """Find tips that reach more than `least_px` beyond the shadow; their width is how far."""
-    away = depth_in(~own)
+def _find_tips(there: Mask, away: Array, least_px: float) -> list[Change]:
+    """Find tips that reach more than `least_px` out of a shadow `away` by so much; that is their width."""
     labels, found = label_regions("piece", there & (away > least_px), 0.0)
     tips = []
     for number, (left, top, right, bottom) in found:
@@ -271,10 +278,10 @@ def _find_tips(there: Mask, own: Mask, least_px: float) -> list[Change]:
     return tips
 
 
-def _count_hurt(shadow: Mask, target: Mask, reach: float) -> float:
+def _count_hurt(found: _Compared) -> float:
     """Count missing or spilled pixels farther than `reach` from the outline."""
-    missing = target & (depth_in(~shadow) > reach)
-    return float((missing | (shadow & (depth_in(~target) > reach))).sum())
+    missing = found.wanted & (found.off_own > found.reach)
+    return float((missing | (found.own & (found.off_wanted > found.reach))).sum())
 
 
 def _bound_area(change: Change, target: Mask) -> int:

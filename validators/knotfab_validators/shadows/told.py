@@ -194,21 +194,25 @@ def fill_triangles(points: Array, faces: Ints, size: int) -> Mask:
     """Fill triangles between points (2, n), px, on size × size pixels."""
     found = np.zeros((size, size), dtype=np.bool_)
     for k in range(len(faces)):
-        a, b, c = points[:, faces[k, 0]], points[:, faces[k, 1]], points[:, faces[k, 2]]
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        a, b, c = faces[k, 0], faces[k, 1], faces[k, 2]
+        ax, bx, cx = points[0, a], points[0, b], points[0, c]
+        left = max(0, int(np.ceil(min(ax, bx, cx) - 0.5)))
+        right = min(size - 1, int(np.floor(max(ax, bx, cx) - 0.5)))
+        if left > right:  # as most are: many of them share a pixel
+            continue
+        ay, by, cy = points[1, a], points[1, b], points[1, c]
+        top = max(0, int(np.ceil(min(ay, by, cy) - 0.5)))
+        bottom = min(size - 1, int(np.floor(max(ay, by, cy) - 0.5)))
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if area == 0.0:
             continue
-        x0, x1 = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
-        y0, y1 = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
-        for j in range(max(0, int(np.ceil(y0 - 0.5))), min(size - 1, int(np.floor(y1 - 0.5))) + 1):
-            for i in range(
-                max(0, int(np.ceil(x0 - 0.5))), min(size - 1, int(np.floor(x1 - 0.5))) + 1
-            ):
+        for j in range(top, bottom + 1):
+            for i in range(left, right + 1):
                 if found[j, i]:
                     continue
                 x, y = i + 0.5, j + 0.5
-                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+                u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
+                v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
                 if u >= 0.0 and v >= 0.0 and u + v <= 1.0:
                     found[j, i] = True
     return found
