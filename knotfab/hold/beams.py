@@ -25,6 +25,8 @@ from knotfab_formats.slicer_ini import plan_walls
 JOINT_RADII = 2.0  # distance of the joints along a tube, in tube radii
 PIECES = 4  # pieces of a tapering member, each taken as round
 _MEET_MM = 1e-3  # ends of members that are no farther apart meet
+# makes of beams and their ends at the ground others, and which of their unknowns are held (6 n,)
+Hold = Callable[[Beams, Indices], tuple[Beams, Mask]]
 DOWN = np.array([0.0, -1.0, 0.0])
 
 
@@ -104,12 +106,21 @@ def piece_beams(
 
 
 def piece_frame(
-    knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness
-) -> SpaceFrame:
-    """Assemble the frame of a piece with joints at the sites and along members that taper."""
+    knots: Knots, sites: Sites, members: Candidates, stiffness: Stiffness, hold: Hold | None = None
+) -> HeldFrame:
+    """Solve the frame of a piece with joints at the sites and along members that taper.
+
+    Args:
+        hold: as for `sag_moves`; posts that are added later end at the nearest place that is held.
+    """
     pieces = 1 if members.end_radius is None else PIECES
     beams, fixed = piece_beams(knots.radius_mm, sites, members, pieces, stiffness.wall_mm)
-    return assemble_frame(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN)
+    held, feet = None, fixed[:0]
+    if hold is not None:
+        beams, held = hold(beams, fixed)
+        feet = np.intersect1d(fixed, beams.ends)
+    frame = assemble_frame(beams, fixed, stiffness.young_mpa, stiffness.density_g_cm3, DOWN, held)
+    return HeldFrame(frame, feet, beams.joints[feet])
 
 
 def sag_moves(
@@ -118,7 +129,7 @@ def sag_moves(
     members: Candidates,
     stiffness: Stiffness,
     step_radii: float = JOINT_RADII,
-    hold: Callable[[Beams, Indices], tuple[Beams, Mask]] | None = None,
+    hold: Hold | None = None,
 ) -> Array:
     """Compute how far each vertex moves on the members, mm (N, 3), from a new, finer frame.
 
@@ -226,17 +237,18 @@ class HeldFrame:
 
     With the frame's flexibility F at the ends of members of stiffness K and own loads f, these move
     by u = (I + F K)⁻¹ (u0 + F f), and all joints by what the members then exert, f - K u (Woodbury
-    1950).
+    1950). Posts end at the nearest of the joints `feet` (k,), at `places` (k, 3); without any, nothing moves
+    or turns at their ends.
     """
 
-    def __init__(self, frame: SpaceFrame) -> None:
-        self.frame, self.joints = frame, frame.joints
+    def __init__(self, frame: SpaceFrame, feet: Indices, places: Array) -> None:
+        self.frame, self.joints, self._feet, self._places = frame, frame.joints, feet, places
         self._at_rest = frame.displacements().ravel()
         self._moves: dict[int, Array] = {}  # the flexibility of each joint that was asked for
 
     def hold(self, members: Candidates, springs: Array, loads: Array) -> None:
         """Hold the frame by only these members: springs (m, 12, 12) and loads (m, 12)."""
-        ends = np.column_stack([members.first, members.second]).ravel()
+        ends = self._ends_of(members).ravel()
         self._forget(ends)
         self._rows, self._by, own = self._moved_by(ends)
         block = np.zeros((12 * len(members), 12 * len(members)))
@@ -262,8 +274,8 @@ class HeldFrame:
         """Return displacements and turns with each of these members added alone, (m, n, 6)."""
         moved = np.repeat(self._now[None], len(members), axis=0)
         back = np.zeros((len(members), len(self._rows)))
-        for n in range(len(members)):
-            rows, by, own = self._moved_by(np.array([members.first[n], members.second[n]]))
+        for n, ends in enumerate(self._ends_of(members)):
+            rows, by, own = self._moved_by(ends)
             met = by[:, self._rows] @ self._stiff
             among = by[:, rows] - met @ self._by[:, rows]
             spring, load = springs[n][np.ix_(own, own)], loads[n][own]
@@ -272,6 +284,15 @@ class HeldFrame:
             moved[n] += force @ by
             back[n] = force @ met
         return (moved - back @ self._by).reshape(len(members), self.joints, 6)
+
+    def _ends_of(self, members: Candidates) -> Indices:
+        """Return the joints at the members' ends, (m, 2)."""
+        second = members.second.copy()
+        post = np.flatnonzero((second == GROUND) & (len(self._feet) > 0))
+        if len(post):
+            away = np.linalg.norm(members.end[post, None] - self._places, axis=2)
+            second[post] = self._feet[away.argmin(axis=1)]
+        return np.column_stack([members.first, second])
 
     def _moved_by(self, ends: Indices) -> tuple[Indices, Array, Indices]:
         """Find the ends' free unknowns (e,), and what a unit load on each of them moves.

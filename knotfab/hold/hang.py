@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,6 @@ from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import Mesh
 from knotfab.hold.beams import (
-    HeldFrame,
     Stiffness,
     hold_by_threads,
     piece_frame,
@@ -72,6 +72,8 @@ MOST_POSTS = 4  # posts from strands to an eyelet
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 # each about the centre of mass of the one before, with a post more where that sags too much
 _PLANS = 4
+# of the allowed sag: what sags more with all struts that help is not planned again with a post more
+_HOPELESS = 2.0
 # share of a frame up to which a pair lies in all pictures' shadows, or beside them
 _UNSEEN = 0.0001
 _DARKER = 0.001  # share of a frame that two threads may darken beyond what one does
@@ -242,7 +244,7 @@ class _Hanger:
         knots, sites, number = self.knots, self.sites, len(self.joints)
         limit = self.stiffness.max_sag_mm
         best: HangMount | None = None
-        middle, fewest, firm = self.middle, 1, self.stiffness
+        middle, fewest, firm, begun = self.middle, 1, self.stiffness, list[int]()
         for _ in range(_PLANS):
             first, rings = self.choose(middle, offsets)
             posts = self._add_posts(first, rings, firm, fewest)
@@ -250,7 +252,12 @@ class _Hanger:
             way.add(join_members([*posts, *map(keep_free, rings)]))
             dark.add(join_members([*posts, *map(ring_bars, rings)]))
             given, settings = join_members([self.joints, *posts]), (self.pool, self.visible)
-            members = plan_members(knots, sites, way, dark, *settings, given, firm).members
+            hold = hold_by_threads if len(rings) > 1 else None
+            swing = partial(let_swing, sites.point, threads=np.array([r.thread for r in rings]))
+            planned = plan_members(
+                knots, sites, way, dark, *settings, given, firm, begun=begun, hold=hold, swing=swing
+            )
+            members, begun = planned.members, planned.taken.tolist()
             struts = members.take(np.r_[:number, len(given) : len(members)])
             # those that were thickened are found where they were given
             ends = number + np.cumsum([0, *map(len, posts)])
@@ -268,7 +275,6 @@ class _Hanger:
             members = join_members([struts, *posts])
             middle = _centre_of_mass(masses_of(knots, members), *(r.masses for r in rings))
             threads = np.array([ring.thread for ring in rings])
-            hold = hold_by_threads if len(rings) > 1 else None
             moves = sag_moves(knots, sites, members, self.stiffness, FINE_RADII, hold)
             moves = let_swing(knots.points, moves, threads)
             sag, at = worst_of(moves, knots.points)
@@ -285,11 +291,11 @@ class _Hanger:
                     predicted_intrusion=self.shadows.darken(bars),
                     moves=moves,
                 )
-            if sag <= limit:
+            if sag <= limit or planned.sag_mm > _HOPELESS * limit:
                 break
-            # on its threads, by a finer frame, it sags more than the plan that is clamped says
             fewest = min(max(map(len, posts)) + 1, MOST_POSTS)
-            firm = replace(firm, max_sag_mm=firm.max_sag_mm * limit / sag)
+            # by a finer frame it may sag more than by the plan's
+            firm = replace(firm, max_sag_mm=firm.max_sag_mm * min(1.0, planned.sag_mm / sag))
         if best is None:
             raise no_place()
         return best
@@ -328,8 +334,9 @@ class _Hanger:
         owner = np.repeat(np.arange(len(rings)), [len(one) for one in pools])
         away = (pool.start - pool.end) / pool.length_mm[:, None]
         threads = np.array([ring.thread for ring in rings])
-        frame = piece_frame(self.knots, sites, join_members([self.joints, *first]), stiffness)
-        held = HeldFrame(frame)
+        hold = hold_by_threads if len(rings) > 1 else None
+        given = join_members([self.joints, *first])
+        held = piece_frame(self.knots, sites, given, stiffness, hold)
 
         def springs(some: Candidates) -> tuple[Array, Array]:
             return springs_of(some, np.zeros(len(some)), stiffness)
@@ -377,19 +384,24 @@ class _Hanger:
 
 
 def let_swing(points: Array, moves: Array, threads: Array) -> Array:
-    """Turn the moves (N, 3) of a piece held at its threads (1 or 2, 3) into those of one free to swing.
+    """Turn the moves of a piece held at its threads (1 or 2, 3) into those of one free to swing.
 
     A piece that sags to one side turns until its centre of mass is below the thread again: by the two
     small angles about level axes that take the mean of the moves back to the plumb line. Below two threads
     it only swings about the line through both.
+
+    Args:
+        moves: (..., N, 3), or with turns (..., N, 6), at `points` (N, 3).
     """
     lever = points - threads.mean(axis=0)
-    drop, aside = -float(lever[:, 1].mean()), moves.mean(axis=0)
-    turn = np.array([aside[2], 0.0, -aside[0]]) / drop
+    drop, aside = -float(lever[:, 1].mean()), moves[..., :3].mean(axis=-2, keepdims=True)
+    turn = np.cross(UP, aside) / drop
     if len(threads) > 1:
         line = _level_line(threads)
-        turn = (turn @ line) * line
-    return np.asarray(moves + np.cross(turn, lever))
+        turn = (turn @ line)[..., None] * line
+    swung = np.cross(turn, lever)
+    both = np.concatenate([swung, np.broadcast_to(turn, swung.shape)], axis=-1)
+    return np.asarray(moves + both[..., : moves.shape[-1]])
 
 
 def _level_line(threads: Array) -> Array:

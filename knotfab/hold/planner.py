@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from knotfab.base.arrays import Array, Indices, Mask
-from knotfab.hold.beams import HeldFrame, Holder, Stiffness, piece_frame, springs_of
+from knotfab.hold.beams import HeldFrame, Hold, Holder, Stiffness, piece_frame, springs_of
 from knotfab.hold.shade import MountShadows
 from knotfab.hold.struts import GROUND, Candidates, Sites, Way, join_members
 from knotfab.knots import Knots
@@ -66,6 +66,9 @@ def plan_members(
     manner: Manner | None = None,
     *,
     settled: bool = False,
+    begun: Sequence[int] = (),
+    hold: Hold | None = None,
+    swing: Callable[[Array], Array] = lambda moved: moved,
 ) -> Planned:
     """Add members, or thicken those that show, until nothing sags more than allowed (gravity: -y).
 
@@ -79,13 +82,18 @@ def plan_members(
         given: hold every knot already; they stay, and where `settled` they are not thickened
             either.
         manner: how candidates are weighed; `BRACES` by default.
+        begun: candidates to begin with, those that are clear; `taken` of an earlier plan, say.
+        hold: as for `sag_moves`. swing: makes of the sites' moves and turns (..., n, 6) those that count.
     """
     manner = manner or BRACES
-    piece = _Piece(knots, sites, given, stiffness)
+    piece = _Piece(
+        sites, given, stiffness, piece_frame(knots, sites, given, stiffness, hold), swing
+    )
     search = _Search(candidates, way, manner.apart_radii * knots.radius_mm)
     unasked = np.zeros(len(given) if settled else 0)  # what settled members darken matters no more
     most_mm = MOST_SHARE * knots.radius_mm
     plan = _Plan(way, shadows, candidates, visible, manner, given, unasked, search, most_mm)
+    plan.begin(begun)
     limit = manner.wanted * stiffness.max_sag_mm
     best, least = (given, plan.taken), np.inf
     while True:
@@ -143,6 +151,13 @@ class _Plan:
         asked = range(len(known), len(members))
         return np.append(known, [self.shadows.darken(members.take([n])).sum() for n in asked])
 
+    def begin(self, numbers: Sequence[int]) -> None:
+        """Add these candidates, but for those that something is in the way of."""
+        for number in numbers:
+            one = self.candidates.take([number])
+            if self.way.clear(one)[0]:
+                self.make(_Change(int(number), True, one, float(self.cost[number])))
+
     def find_change(self, piece: _Piece, moved: Array) -> _Change | None:
         """Find the change that helps most for its price; None if none helps."""
         manner, search = self.manner, self.search
@@ -194,12 +209,15 @@ class _Plan:
             self.cost[self.shown] = self.shadows.cost(self.candidates.take(self.shown))
 
 
+@dataclass(frozen=True)
 class _Piece:
     """The piece on the given members, solved once, to which others are added as springs."""
 
-    def __init__(self, knots: Knots, sites: Sites, given: Candidates, stiffness: Stiffness) -> None:
-        self.sites, self.given, self.stiffness = sites, given, stiffness
-        self.frame = HeldFrame(piece_frame(knots, sites, given, stiffness))
+    sites: Sites
+    given: Candidates
+    stiffness: Stiffness
+    frame: HeldFrame
+    swing: Callable[[Array], Array]
 
     def deflect(
         self, members: Candidates, left: Indices | None = None
@@ -214,7 +232,7 @@ class _Piece:
             changed &= np.isin(np.arange(len(members)), left)
         some = members.take(changed)
         self.frame.hold(some, *springs_of(some, before[changed], self.stiffness))
-        moved = self.frame.displacements()[: len(self.sites.knot)]
+        moved = self.swing(self.frame.displacements()[: len(self.sites.knot)])
         size = np.linalg.norm(moved[:, :3], axis=1)
         return moved, float(size.max()), self.sites.point[int(size.argmax())]
 
@@ -222,8 +240,9 @@ class _Piece:
         """Return by what share each member alone, thicker than `before`, lowers the norm, (m,)."""
         springs, loads = springs_of(tried, before, self.stiffness)
         loads *= manner.weighed
-        after = self.frame.displacements_with_each(tried, springs, loads)[:, : len(moved), :3]
-        return np.asarray(1 - _norm(after, manner.norm) / _norm(moved[:, :3], manner.norm))
+        after = self.frame.displacements_with_each(tried, springs, loads)[:, : len(moved)]
+        norms = _norm(self.swing(after)[..., :3], manner.norm)
+        return np.asarray(1 - norms / _norm(moved[:, :3], manner.norm))
 
 
 class _Search:

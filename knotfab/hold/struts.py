@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -216,9 +217,7 @@ class Obstacles(Way):
         along = some.end - some.start
         length = np.linalg.norm(along, axis=1)
         unit = along / length[:, None]
-        near = self.tree.query_ball_point((some.start + some.end) / 2, length / 2 + gap + root)
-        i = np.repeat(np.arange(len(some)), [len(n) for n in near])
-        j = np.concatenate([np.asarray(n, dtype=np.int64) for n in near])
+        i, j = self._near(some, gap + root)
         _, apart = off_segments(self.points[j], some.start[i], unit[i], length[i])
         touched = apart < gap + some.radius[i]
         for site in (some.first[i], some.second[i]):
@@ -248,6 +247,24 @@ class Obstacles(Way):
             )
             free &= ok.reshape(n, m).all(axis=1)
         return free
+
+    def _near(self, some: Candidates, reach: Array) -> tuple[Indices, Indices]:
+        """Pair members with all points that come as near as `reach` (n,) to them, and with some others.
+
+        A member is covered by balls about as wide as its reach, so a long one meets few points beside those.
+        """
+        along, length = some.end - some.start, some.length_mm
+        balls = np.maximum(1, np.ceil(length / (2 * reach))).astype(np.int64)
+        i, place = number_runs(balls)
+        middle = some.start[i] + ((place + 0.5) / balls[i])[:, None] * along[i]
+        wide = (length / (2 * balls) + reach)[i]
+        # most balls of a thread, which has no end, are above the piece
+        low, high = self.tree.mins, self.tree.maxes
+        use = (np.abs(middle - (low + high) / 2) <= (high - low) / 2 + wide[:, None]).all(axis=1)
+        near = self.tree.query_ball_point(middle[use], wide[use], return_sorted=False)
+        counts = [len(n) for n in near]
+        j = np.fromiter(chain.from_iterable(near), np.int64, sum(counts))
+        return np.repeat(i[use], counts), j
 
     def _narrow(
         self, some: Candidates, i: Indices, j: Indices, ahead: Mask, unit: Array, length: Array

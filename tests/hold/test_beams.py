@@ -291,6 +291,28 @@ def test_clear_by_exactly_the_clearance() -> None:
         assert obstacles.clear(beside, but=0)[0]
 
 
+def test_long_members_meet_few_points_beside_those_that_they_come_near() -> None:
+    rng = np.random.default_rng(3)
+    curves = [ring(r, z, 40 * int(r)) for z in (-20.0, 20.0) for r in (20.0, 45.0, 70.0)]
+    thin = Knots(tuple(map(Knot, curves)), 0.8)
+    obstacles = Obstacles(thin, sites_of(thin), 0.4)
+    start, end = rng.uniform(-80.0, 80.0, (2, 60, 3))
+    end[::10] = start[::10] + [0.0, 1e4, 0.0]  # threads
+    none = np.full(60, GROUND)
+    some, reach = Candidates(none, none, start, end, np.ones(60)), rng.uniform(1.0, 4.0, 60)
+    i, j = obstacles._near(some, reach)
+    every = np.repeat(np.arange(60), len(obstacles.points)), np.tile(obstacles.points, (60, 1))
+    unit = (end - start) / some.length_mm[:, None]
+    to = every[1] - start[every[0]]
+    along = np.clip((to * unit[every[0]]).sum(1), 0.0, some.length_mm[every[0]])
+    apart = np.linalg.norm(to - along[:, None] * unit[every[0]], axis=1).reshape(60, -1)
+    met = np.zeros_like(apart, dtype=bool)
+    met[i, j] = True
+    assert met[apart <= reach[:, None]].all()
+    assert (apart[met] <= 2 * np.repeat(reach, met.sum(1))).all()
+    assert len(i) < 3 * met.sum()
+
+
 def test_a_strand_that_runs_along_its_own_strut_is_in_the_way() -> None:
     """A strand with 0.2 mm of air where 0.4 are wanted once passed as a part of the joint."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +15,12 @@ from tables import some
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep
-from knotfab.hold.beams import hold_by_threads
+from knotfab.hold.beams import hold_by_threads, piece_frame, springs_of
 from knotfab.hold.eyelet import Eyelet, leave_no_gap
 from knotfab.hold.hang import (
     LEAST_SPAN_MM,
     MOST_POSTS,
+    SPANS,
     TURN_LOSS,
     HangMount,
     _Hanger,
@@ -27,9 +29,10 @@ from knotfab.hold.hang import (
     lost_by_turning,
     plan_hang,
 )
+from knotfab.hold.planner import MOST, Planned, _Plan, plan_members
 from knotfab.hold.space_frame import assemble_frame, round_beams
-from knotfab.hold.struts import GROUND, Candidates
-from knotfab.knots import Knots
+from knotfab.hold.struts import GROUND, Candidates, join_members, sites_of
+from knotfab.knots import Knot, Knots
 from knotfab.render.silhouette import cast, frame_of
 from knotfab.scene.camera import Camera
 from knotfab_fixtures.holders import eyelet
@@ -193,6 +196,59 @@ def test_a_bar_on_two_threads_sags_as_one_on_two_supports_whatever_its_direction
         wanted = 5 / 384 * weight * span**4 / (PLA.young_mpa * np.pi / 4 * radius**4)
         moves = frame.displacements()[:n]
         assert moves[0, 1] - moves[n // 2, 1] == pytest.approx(wanted, rel=0.02)
+
+
+def test_members_of_a_solved_piece_on_threads_are_those_of_one_solved_anew() -> None:
+    mount, sites = plan(True, 2), sites_of(TWO)
+    threads = mount.threads
+    given = join_members([mount.struts.take([0]), mount.posts])
+    held = piece_frame(TWO, sites, given, PLA, hold_by_threads)
+    thick = given.thicken(1.3, 0.95 * RADIUS)
+    changed = np.flatnonzero(thick.radius > given.radius)
+    some, before = thick.take(changed), given.radius[changed]
+    assert (some.second == GROUND).sum() >= 2
+    held.hold(some, *springs_of(some, before, PLA))
+    found = held.displacements()[: len(sites.knot)]
+    anew = piece_frame(TWO, sites, thick, PLA, hold_by_threads).frame.displacements()
+    anew = anew[: len(sites.knot)]
+    assert found == pytest.approx(anew, abs=1e-7 * np.abs(anew).max())
+    # it swings as a whole: what members feel stays as it was
+    free = let_swing(sites.point, found, threads)
+    assert free[:, :3] == pytest.approx(let_swing(sites.point, found[:, :3], threads))
+    turn = free[:, 3:] - found[:, 3:]
+    assert np.ptp(turn, axis=0) == pytest.approx(0.0, abs=1e-12)
+    way = np.cross(turn, sites.point - threads.mean(axis=0))
+    assert free[:, :3] - found[:, :3] == pytest.approx(way)
+
+
+@pytest.mark.parametrize(("most_mm", "rounds"), some([(1e-3, 2), (0.03, 4)], 1))
+def test_a_piece_that_no_struts_make_stiff_is_planned_a_few_times_and_told(
+    most_mm: float, rounds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thin long tube: each pair of eyelets was once planned four times, with ever more struts."""
+    thin = Knots(tuple(Knot(ring(r, 0.0, 600, 15.0)) for r in (50.0, 38.0)), 0.8)
+    begun, changes = list[int](), list[int]()
+
+    def count(*args: Any, **keys: Any) -> Planned:
+        changes.append(0)
+        begun.append(len(keys["begun"]))
+        return plan_members(*args, **keys)
+
+    def change(*args: Any) -> Any:
+        changes[-1] += 1
+        return find_change(*args)
+
+    find_change = _Plan.find_change
+    monkeypatch.setattr("knotfab.hold.hang.plan_members", count)
+    monkeypatch.setattr(_Plan, "find_change", change)
+    mount = plan_hang(thin, [camera()], [EMPTY], 0.4, replace(PLA, max_sag_mm=most_mm), 0.4)
+    assert mount.sag_mm > most_mm or rounds > 2
+    assert 0 < len(changes) <= rounds * (1 + len(SPANS)) and max(changes) <= MOST + 1
+    # a plan begun with what an earlier one took has few changes left
+    first, again = (
+        [c for c, b in zip(changes, begun, strict=True) if (b > 0) == k] for k in (0, 1)
+    )
+    assert max(again, default=0) < max(first)
 
 
 def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:

@@ -12,7 +12,7 @@ from tables import some
 
 from knotfab.base.errors import SceneError
 from knotfab.geometry.tube import mesh_volume, sweep
-from knotfab.hold.beams import HeldFrame, Stiffness, piece_frame, sag_moves, springs_of, worst_of
+from knotfab.hold.beams import Stiffness, piece_frame, sag_moves, springs_of, worst_of
 from knotfab.hold.mount import Mounted
 from knotfab.hold.pegs import choose_pegs, pegs_on, sites_with
 from knotfab.hold.shade import Rays, free_rays
@@ -216,17 +216,19 @@ def test_members_held_on_a_solved_frame_are_members_of_a_frame_solved_anew(taper
     strut = Candidates(np.array([0]), np.array([far]), *ends, top[:1])
     members = join_members([pegs if tapers else replace(pegs, end_radius=None), strut])
     given, rest = members.take([0]), members.take(np.arange(1, len(members)))
-    held = HeldFrame(piece_frame(ONE, sites, given, PLA))
+    held = piece_frame(ONE, sites, given, PLA)
     n = len(sites.knot)
     for number in range(len(rest)):
         some, one = rest.take(np.arange(number)), rest.take([number])
         held.hold(some, *springs_of(some, np.zeros(number), PLA))
         more = held.displacements_with_each(one, *springs_of(one, np.zeros(1), PLA))[0, :n]
-        anew = piece_frame(ONE, sites, join_members([given, some, one]), PLA).displacements()[:n]
+        anew = piece_frame(ONE, sites, join_members([given, some, one]), PLA).frame.displacements()[
+            :n
+        ]
         assert more == pytest.approx(anew, abs=1e-7 * np.abs(anew).max())
         force = np.random.default_rng(number).normal(size=(held.joints, 6))
         force[n:] = 0
-        other = piece_frame(ONE, sites, join_members([given, some]), PLA)
+        other = piece_frame(ONE, sites, join_members([given, some]), PLA).frame
         load = np.zeros((other.joints, 6))
         load[:n] = force[:n]
         want = other.response(load)[:n]
