@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.base.limited import run_limited
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh, face_normals, keep_faces
@@ -24,6 +23,8 @@ from knotfab.picture.read import read_targets
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
 from knotfab_formats.scene import ResolvedScene
+from knotfab_validators.files.mesh import corners_stl
+from knotfab_validators.geometry.mesh import merge_equal
 
 Record = dict[str, Any]
 
@@ -72,14 +73,10 @@ def read_viewer_data(folder: Path) -> Record:
         placed = made.moved(np.array(posed.pose.matrix))
         frames.append(HistoryFrame(f"frame {number} of {len(read)}", placed, mask))
     bodies: list[Mesh] = []
-    if (part := folder / f"part{suffixes[0]}.stl").is_file():
-        from trimesh import load_mesh
-
-        def load() -> Mesh:
-            mesh = load_mesh(part)
-            return np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int32)
-
-        bodies = [run_limited(load, part.name, seconds=60, remedy="Build it anew.")]
+    shown = scene.piece.printed or scene.mount.kind != "none"  # the knots alone are drawn as tubes
+    if shown and (part := folder / f"part{suffixes[0]}.stl").is_file():
+        whole = merge_equal(corners_stl(part.read_bytes(), part.name))
+        bodies = [(whole.vertices, whole.faces.astype(np.int32))]
     return viewer_data(scene, knots, bodies, masks, history=frames)
 
 
