@@ -60,7 +60,8 @@ from knotfab_formats.scene import (
 from knotfab_formats.search import SearchSettings
 
 START_FILE = "start.json"
-_BRACINGS = 3  # searches at most for legs that all have a neighbour
+# searches at most for legs that all have a neighbour: each halves arches, and leaves others without one
+_BRACINGS = 8
 
 
 @dataclass(frozen=True, repr=False)
