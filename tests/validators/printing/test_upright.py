@@ -43,6 +43,7 @@ from knotfab_formats.upright import (
     longest_free_leg_mm,
 )
 from knotfab_formats.verdict import GROWN, KNOTS, MESH, PRINTING, UPRIGHT, Check
+from knotfab_validators.arrays import Array
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.curves import Bar
@@ -52,7 +53,7 @@ from knotfab_validators.printing import bridges as columns_module
 from knotfab_validators.printing.bars import check_bars
 from knotfab_validators.printing.bridges import _heights, columns
 from knotfab_validators.printing.printability import printability_checks
-from knotfab_validators.printing.slices import measure_pieces, slice_layers
+from knotfab_validators.printing.slices import Slices, layer_of, measure_pieces, slice_layers
 from knotfab_validators.printing.standing import bodies, share_above
 from knotfab_validators.shadows.exact_shadow import ShadowCaster, shadow_mask
 from knotfab_validators.shadows.part_shadows import shadow_checks
@@ -165,6 +166,23 @@ def test_the_sections_hold_the_volume_of_the_mesh_and_share_what_bodies_share() 
     assert measure_pieces(cut)[0] == pytest.approx(6.0, rel=0.08)
 
 
+def runs_of(cut: Slices, layer: int) -> Array:
+    own = slice(cut.first[layer * cut.rows], cut.first[(layer + 1) * cut.rows])
+    return np.stack([cut.left[own], cut.right[own]])
+
+
+def test_the_sections_of_some_layers_are_those_of_all() -> None:
+    mesh = braced().mesh
+    every = slice_layers(mesh, LAYER)
+    heights = every.bottom + np.array([0.0, 30.2, 30.25])
+    some = slice_layers(mesh, LAYER, heights=[*heights, 1e3, every.bottom - 1.0])
+    asked = {layer_of(z, every.bottom, LAYER) for z in heights}
+    for layer in range(every.layers):
+        known = runs_of(every, layer) if layer in asked else np.empty((2, 0))
+        assert np.array_equal(runs_of(some, layer), known)
+    assert 0 < len(some.left) < len(every.left)
+
+
 @pytest.mark.parametrize("wall", [np.inf, 1.05, 0.45, 0.0])
 @pytest.mark.parametrize("radius", [0.8, 1.66, 3.0])
 def test_a_leg_is_as_stiff_as_the_beam_of_the_books(radius: float, wall: float) -> None:
@@ -247,10 +265,9 @@ def test_a_narrow_bar_between_round_legs_is_a_bridge_however_it_lies(degrees: fl
 
 def check_tied(part: Part) -> Check:
     apart = part_bars(part.mesh)
-    layers = slice_layers(apart.strands, LAYER)
     radius = part.curves.radius_mm
     assert radius is not None
-    return check_bars(layers, apart.bars, part.curves.bars, radius)
+    return check_bars(apart.strands, LAYER, apart.bars, part.curves.bars, radius)
 
 
 def test_bars_join_what_is_listed_and_nothing_else() -> None:
@@ -289,8 +306,7 @@ def test_a_bar_may_be_as_short_as_two_rows_of_the_sections(gap_mm: float, aslant
         posts = [move(post, shift=at * [1, 1, 0]) for at in (start, end, 0.5 * (start + end))]
         for count, status in ((2, "pass"), (3, "fail")):
             if gap_mm > 2.0 or count == 2:
-                layers = slice_layers(together(*posts[:count]), LAYER)
-                check = check_bars(layers, bar, listed, 0.8)
+                check = check_bars(together(*posts[:count]), LAYER, bar, listed, 0.8)
                 assert check.status == status, check.detail
 
 

@@ -15,7 +15,7 @@ from knotfab_validators.check import at_most, spot
 from knotfab_validators.geometry.curves import Bar
 from knotfab_validators.geometry.mesh import Mesh, number_bodies
 from knotfab_validators.geometry.surface import survey
-from knotfab_validators.printing.slices import Slices, find_pieces
+from knotfab_validators.printing.slices import Slices, find_pieces, layer_of, slice_layers
 from knotfab_validators.tube.solid_matter import Solid, find_hollow
 
 SIZE_MM = 0.05  # tolerance of a bar's width and height
@@ -26,7 +26,9 @@ STEP_MM = 0.05
 SUNK_MM = 0.15
 
 
-def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach: float) -> Check:
+def check_bars(
+    mesh: Mesh, layer_mm: float, bars: Mesh | None, listed: Sequence[Bar], reach: float
+) -> Check:
     """Check `bars`: the bars in the file are exactly those listed, and each joins two strands.
 
     A bar is a full box. Its axis begins in one strand, leaves it, and ends in another; it meets nothing
@@ -34,10 +36,14 @@ def check_bars(strands: Slices, bars: Mesh | None, listed: Sequence[Bar], reach:
     it must break away.
 
     Args:
-        strands: the sections of the part without its bars.
+        mesh: the part without its bars, which prints in layers of `layer_mm`.
         reach: how far an end may be from where it is listed: within the same strand.
+
+    Raises:
+        TooMuchWork: it has too many layers.
     """
     found = [] if bars is None else _read_bars(bars, listed)
+    strands = slice_layers(mesh, layer_mm, heights=[float(bar.start[2]) for bar in found])
     bad = [] if bars is None or survey(bars).manifold else [(bars.vertices[0], "is no closed body")]
     open_list = list(range(len(listed)))
     for bar in found:
@@ -122,7 +128,7 @@ def _misses(strands: Slices, bar: Bar) -> str:
     way = bar.end - bar.start
     steps = max(int(np.ceil(np.linalg.norm(way) / STEP_MM)), 2)
     points = bar.start + np.linspace(0.0, 1.0, steps + 1)[:, None] * way
-    layer = int(np.floor((points[0, 2] - strands.bottom) / strands.layer))
+    layer = layer_of(float(points[0, 2]), strands.bottom, strands.layer)
     if not 0 <= layer < strands.layers:
         return "is above or below every strand"
     rows = (points[:, 1] - strands.south) / strands.row

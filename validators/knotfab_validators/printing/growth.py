@@ -156,7 +156,7 @@ def find_over_air(cut: Slices, held: Mask) -> OverAir:
     middle, and a line along one side may miss what the bar lies on.
     """
     asked = cut.first, cut.left, cut.right, cut.piece, held, cut.rows, cut.row
-    count, most = 1024, 0
+    count, most = 65_536, 0  # places; where there are more, all are sought again
     while count > most:
         most = count
         bucket, x, away = np.empty(most, np.int64), np.empty(most), np.empty(most)
@@ -194,7 +194,10 @@ def _group(bucket: Ints, x: Array, rows: int) -> tuple[Ints, int]:
 def _away(
     first: Ints, left: Array, right: Array, rows: int, row: float, k: int, j: int, x: float
 ) -> float:
-    """Measure how far a place in row j of layer k is from material in the layer below, up to `CAP_MM`."""
+    """Measure how far a place in row j of layer k is from material in the layer below, up to `CAP_MM`.
+
+    Below `LINE_MM` any distance that some material has will do.
+    """
     best = CAP_MM
     for step in range(int(CAP_MM / row) + 1):
         if step * row >= best:
@@ -209,6 +212,8 @@ def _away(
                     break
                 off = max(left[b] - x, x - right[b], 0.0)
                 best = min(best, np.hypot(off, step * row))
+            if best <= LINE_MM:
+                return best
     return best
 
 

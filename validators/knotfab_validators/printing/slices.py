@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from knotfab_validators.arrays import Array, Ints, compiled
+from knotfab_validators.arrays import Array, Ints, Mask, compiled
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.geometry.surface import bound_work
 
@@ -44,12 +45,17 @@ class Slices:
         return np.asarray(self.bottom + (floor + 0.5) * self.layer)
 
 
-def slice_layers(mesh: Mesh, layer_mm: float, row_mm: float = ROW_MM) -> Slices:
+def slice_layers(
+    mesh: Mesh, layer_mm: float, row_mm: float = ROW_MM, heights: Sequence[float] | None = None
+) -> Slices:
     """Cut a closed mesh in the middle of every layer, counted from its lowest corner as a slicer does.
 
     The point where a section meets an edge is computed once for both its faces, and every interval of
     heights and rows has one end: whatever falls on a corner, a closed surface gives closed sections. Material
     is where the winding number is positive: what bodies share counts once, and a hollow does not count.
+
+    Args:
+        heights: z, mm; layers that hold none of them are left empty. None: all are cut.
 
     Raises:
         TooMuchWork: there are too many rows or crossings.
@@ -60,7 +66,11 @@ def slice_layers(mesh: Mesh, layer_mm: float, row_mm: float = ROW_MM) -> Slices:
     rows = int((high[1] - south) / row_mm) + 3
     layers = max(int(np.ceil((high[2] - low[2]) / layer_mm - 1e-6)), 1)
     bound_work(float(rows) * layers, MOST_BUCKETS, "rows of layers")
-    shape = float(low[2]), layer_mm, layers, south, row_mm, rows
+    wanted = np.ones(layers, dtype=np.bool_)
+    if heights is not None:
+        at = [layer_of(z, float(low[2]), layer_mm) for z in heights]
+        wanted[:] = np.isin(np.arange(layers), at)
+    shape = float(low[2]), layer_mm, wanted, south, row_mm, rows
     none = np.empty(0)
     count = np.zeros(layers * rows + 1, dtype=np.int64)
     _cross(mesh.vertices, mesh.faces, *shape, count, none, np.empty(0, dtype=np.int8), False)
@@ -73,13 +83,18 @@ def slice_layers(mesh: Mesh, layer_mm: float, row_mm: float = ROW_MM) -> Slices:
     return Slices(float(low[2]), layer_mm, south, row_mm, rows, begin, left, right, piece, floor)
 
 
+def layer_of(z: float, bottom: float, layer_mm: float) -> int:
+    """Return the layer at a height, 0 for the lowest, which begins at `bottom`."""
+    return int(np.floor((z - bottom) / layer_mm))
+
+
 @compiled
 def _cross(
     vertices: Array,
     faces: Ints,
     bottom: float,
     layer: float,
-    layers: int,
+    wanted: Mask,
     south: float,
     row: float,
     rows: int,
@@ -98,10 +113,10 @@ def _cross(
         )
         lowest, highest = min(z0, z1, z2), max(z0, z1, z2)
         begin = max(int(np.floor((lowest - bottom) / layer - 0.5)), 0)
-        until = min(int(np.ceil((highest - bottom) / layer - 0.5)) + 1, layers)
+        until = min(int(np.ceil((highest - bottom) / layer - 0.5)) + 1, len(wanted))
         for k in range(begin, until):
             z = bottom + (k + 0.5) * layer
-            if not (lowest <= z < highest):
+            if not (wanted[k] and lowest <= z < highest):
                 continue
             for corner in range(3):
                 i, j = faces[face, corner], faces[face, (corner + 1) % 3]
