@@ -37,7 +37,7 @@ from knotfab.pipeline.settle import (
 )
 from knotfab.pipeline.verifier import Verifier
 from knotfab.plan import Steps
-from knotfab.render.hung_picture import draw_hung, draw_unlit
+from knotfab.render.hung_picture import GRAINY, draw_hung, draw_unlit
 from knotfab.render.part_picture import PartPainter, place_eyes, why_undrawn
 from knotfab.report.page import load_template
 from knotfab.report.pictures import place_strangers
@@ -99,7 +99,7 @@ class Workshop:
                 views, eyes = piece.scene.views, place_strangers(piece.scene.views, found)
                 if painter is not None and piece.part is not None and len(eyes):
                     unlit = draw_unlit(painter, views, eyes, _desk_mm(painter, piece.part))
-                    unlit.save(self.folder.file("unlit.png"), "PNG", compress_level=3)
+                    unlit.save(self.folder.file("unlit.png"), "PNG", **GRAINY)
 
             report = report_piece(piece, self.folder, request, self.progress, draw_by_day)
         return piece, report
@@ -123,7 +123,7 @@ def _draw(painter: PartPainter, part: Part, scene: SettledScene, folder: OutputF
         painter.hang(part.mounted.hang.threads)
     hung = draw_hung(painter, scene.views, _desk_mm(painter, part))
     if hung is not None:
-        hung.save(folder.file("piece.png"), "PNG", compress_level=3)
+        hung.save(folder.file("piece.png"), "PNG", **GRAINY)
 
 
 def _desk_mm(painter: PartPainter, part: Part) -> float | None:

@@ -33,6 +33,7 @@ _THREAD_MM, _THREAD_RADIUS_MM = 600.0, 0.3  # as far as a picture shows
 _FINER = (
     2  # pixels of a pixel's side: cheaper, where VTK draws by software, than samples of its own
 )
+_SMALL_PX = 1_500_000
 _LEVELS = 4095  # of linear light, in the table that turns it into sRGB
 
 
@@ -133,6 +134,7 @@ class PartPainter:
         import pyvista as untyped
 
         self._pv: Any = untyped
+        self._hung = False
         self.points = np.asarray(vertices, dtype=np.float64)
         sheet = self._pv.PolyData.from_regular_faces(self.points.astype(np.float32), faces)
         sheet = sheet.compute_normals(
@@ -159,6 +161,7 @@ class PartPainter:
 
     def hang(self, threads: Array) -> None:
         """Hang the part on threads from places (k, 3); they are seen, and throw shadows."""
+        self._hung = True
         for at in threads:
             line = self._pv.Line(at, at + (0.0, _THREAD_MM, 0.0))
             self._add(line.tube(radius=_THREAD_RADIUS_MM, n_sides=8))
@@ -189,15 +192,19 @@ class PartPainter:
         window, camera = self._plotter.render_window, self._plotter.camera
         camera.position, camera.focal_point = tuple(eye.place), tuple(eye.place - eye.axes[2])
         camera.up = tuple(eye.axes[1])
-        camera.view_angle = 2 * np.degrees(np.arctan(0.5 * eye.size[1] / eye.focal_px))
         camera.clipping_range = (eye.near, eye.far)
-        wide, high = eye.size
-        fine = _FINER if colours else 1
+        (left, top), (right, bottom) = self._find_box(eye)
+        wide, high, fine = right - left, bottom - top, _FINER if colours else 1
+        camera.view_angle = 2 * np.degrees(np.arctan(0.5 * high / eye.focal_px))
+        off = np.array([left + right, top + bottom]) - eye.size
+        camera.SetWindowCenter(off[0] / wide, -off[1] / high)
         window.SetSize(fine * wide, fine * high)
         window.Render()
+        here = slice(top, bottom), slice(left, right)
         z = self._read("SetInputBufferTypeToZBuffer")[::-1, :, 0]
         seen = np.minimum.reduce([z[j::fine, i::fine] for j in range(fine) for i in range(fine)])
-        depth = eye.near * eye.far / (eye.far - seen * (eye.far - eye.near))
+        depth = np.full(eye.size[::-1], np.float32(eye.far))
+        depth[here] = eye.near * eye.far / (eye.far - seen * (eye.far - eye.near))
         if not colours:
             return np.zeros(0, np.float32), depth
         # not as RGBA, whose light Pillow would divide by its coverage
@@ -210,8 +217,21 @@ class PartPainter:
             0,
             -1,
         )
-        light = np.asarray(drawn.reduce(fine)).astype(np.float32)
+        light = np.zeros((*depth.shape, 4), np.float32)
+        light[here] = np.asarray(drawn.reduce(fine))
         return light * np.float32(1 / 255), depth
+
+    def _find_box(self, eye: Eye) -> NDArray[np.int64]:
+        """Find the first pixel and one past the last that are drawn, (2, 2): those of a part without threads.
+
+        A small picture is drawn whole: another size of the window takes longer than what is bare.
+        """
+        size = np.array(eye.size)
+        if self._hung or size.prod() < _SMALL_PX:
+            return np.array([(0, 0), size])
+        seen, _ = eye.project(self.points)
+        low = np.clip(np.floor(seen.min(axis=0)) - 1, 0, size - 1)
+        return np.stack([low, np.clip(np.ceil(seen.max(axis=0)) + 1, low + 1, size)]).astype(int)
 
     def _read(self, kind: str) -> Any:
         """Read what was drawn last, without drawing it again; the lowest row comes first."""

@@ -118,3 +118,18 @@ def test_a_border_is_covered_in_part_and_a_light_lights_by_its_angle() -> None:
     assert depth[0, 0] == pytest.approx(eye.far)
     assert light[..., 3].sum() == pytest.approx((2 * eye.focal_px / 10) ** 2, rel=0.03)
     assert {0.25, 0.5, 0.75} & set(np.round(light[..., 3].ravel(), 2).tolist())
+
+
+def test_a_large_picture_is_drawn_about_the_part_alone_and_looks_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    eye = eye_towards(np.array([90.0, 40.0, 150.0]), np.zeros(3), (0, 1, 0), 25.0, (160, 120), 60.0)
+    with PartPainter(VERTICES + (15.0, 5.0, 0.0), FACES) as painter:
+        painter.light(Light(np.array([-0.6, 1.0, 0.8]), np.eye(3)[2], True))
+        whole = painter.look(eye)
+        monkeypatch.setattr("knotfab.render.part_picture._SMALL_PX", 0)
+        cut = painter.look(eye)
+    assert 0.02 < (whole[0][..., 3] > 0).mean() < 0.5
+    for one, other in zip(whole, cut, strict=True):
+        near = np.isclose(one, other, rtol=1e-3, atol=0.02)
+        assert near.mean() > 0.999
