@@ -153,12 +153,20 @@ def plan_bars(
         in_time = tied[leg] < at <= tied[leg] + most
         return needs(leg, tied[leg]) - needs(leg, at) if in_time else 0.0
 
+    def in_one_layer(n: int, other: int) -> bool:
+        """Return whether the strand leads from one point to the other about a valley or peak at their height."""
+        for turns in (begin[:-1], begin[1:] - 1):
+            turn = points[turns[own[n]]]
+            if (turn == points[turns[own[other]]]).all():
+                return bool(abs(turn[2] - points[n, 2]) < radius + 0.5 * BAR_MM[1])
+        return False
+
     def find_bar(n: int, least: float) -> tuple[float, Bar, int] | None:
         """Find the bar from a point that spares the two legs most, and the point that it leads to."""
         here, best = points[n], None
         near, away = _find_level(n, points, upwards, heights, own, along, radius, MOST_BAR_MM)
         for k in range(len(near)):
-            if away[k] < 1.9 * radius:
+            if away[k] < 1.9 * radius or in_one_layer(n, int(near[k])):
                 continue
             worth = spares(own[n], along[n]) + spares(own[near[k]], along[near[k]])
             if worth <= least:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.base.arrays import Array, Mask
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
@@ -251,14 +251,37 @@ def clean_body(body: Mesh) -> Mesh:
     """
     solid = as_manifold(body)
     rounded = body
-    # the second time, what is rounded already: that finds the slivers that rounding turned over
-    for tolerance in np.repeat(TOLERANCES_MM, 2):
-        vertices, faces = as_mesh(solid.simplify(tolerance))
-        rounded = vertices.astype(np.float32).astype(np.float64), faces
-        if _is_clean(rounded):
-            break
-        solid = as_manifold(rounded)
+    for tolerance in TOLERANCES_MM:
+        # the second time, what is rounded already: that finds the slivers that rounding turned over
+        for _ in range(2):
+            vertices, faces = as_mesh(solid.simplify(tolerance))
+            rounded = vertices.astype(np.float32).astype(np.float64), faces
+            if _is_clean(rounded):
+                return rounded
+            solid = as_manifold(rounded)
+        joined = _join_corners(rounded, 2 * tolerance)
+        if _is_clean(joined) and not as_manifold(joined).is_empty():
+            return joined
     return rounded
+
+
+def _join_corners(body: Mesh, within_mm: float) -> Mesh:
+    """Join the ends of edges shorter than `within_mm` of faces that cross.
+
+    A slit so narrow between two long faces is none that simplifying would close, since that turns a face.
+    """
+    vertices, faces = body
+    crossing = faces[np.unique(_find_crossing(vertices, faces))]
+    edges = np.concatenate([np.roll(crossing, k, axis=1)[:, :2] for k in range(3)])
+    short = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1) < within_mm
+    to = np.arange(len(vertices))
+    for one, other in np.sort(edges[short], axis=1):
+        to[to == to[other]] = to[one]
+    joined: Indices = to[faces]
+    used, joined = np.unique(
+        joined[(joined != np.roll(joined, 1, axis=1)).all(axis=1)], return_inverse=True
+    )
+    return vertices[used], joined.reshape(-1, 3).astype(np.int32)
 
 
 def _is_clean(body: Mesh) -> bool:
@@ -281,10 +304,14 @@ def _is_clean(body: Mesh) -> bool:
 
 
 def _cross(vertices: Array, faces: Faces) -> bool:
-    """Return whether two of these faces cross, by libigl's exact predicates."""
+    return len(_find_crossing(vertices, faces)) > 0
+
+
+def _find_crossing(vertices: Array, faces: Faces) -> Indices:
+    """Return pairs (k, 2) of faces that cross, by libigl's exact predicates."""
     from igl import predicates
 
     _, pairs, _ = predicates.find_self_intersections(
         np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.int64)
     )
-    return len(pairs) > 0
+    return np.asarray(pairs)

@@ -123,3 +123,17 @@ def test_a_bar_is_the_box_that_it_is_listed_as() -> None:
         assert length == pytest.approx(bar.gap_mm + 2 * SUNK_MM)
         assert volume / 6 == pytest.approx(length * BAR_MM[0] * BAR_MM[1])
         np.testing.assert_allclose(vertices.mean(axis=0), (a + b) / 2)
+
+
+@pytest.mark.parametrize(("rise_mm", "lacks"), [(1.0, True), (8.0, False)])
+def test_two_legs_are_joined_above_the_valley_that_they_share(rise_mm: float, lacks: bool) -> None:
+    """In a layer of the valley's tube they are one strand, which a bar would join with itself."""
+    legs = []
+    for side in (-4.0, 4.0):
+        corners = [[0, 0, 2], [side, 0, 2], [side, MOST, 2 + rise_mm], [side, MOST, 2 + MOST]]
+        lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        at, s = np.cumsum([0, *lengths]), np.arange(0.0, lengths.sum(), 0.4)
+        legs.append(Leg(0, np.column_stack([np.interp(s, at, c) for c in np.transpose(corners)])))
+    planned, lacking = plan_bars(legs, RADIUS, PLA)
+    assert (len(lacking) > 0) == lacks
+    assert all(bar.start[2] > 2 + RADIUS for bar in planned)

@@ -21,7 +21,15 @@ from knotfab.base.folder import OutputFolder
 from knotfab.geometry.tube import as_manifold, as_mesh, mesh_volume, sweep
 from knotfab.hold.mount import Mounted
 from knotfab.knots import Knot, Knots
-from knotfab.part.assemble import Part, _choose_pose, clean_body, enlarge_knots, shrink_of
+from knotfab.part.assemble import (
+    TOLERANCES_MM,
+    Part,
+    _choose_pose,
+    _is_clean,
+    clean_body,
+    enlarge_knots,
+    shrink_of,
+)
 from knotfab.part.write import make_pose, pose_scene, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Change, Given, Target
 from knotfab.report.supports import report_posing
@@ -53,6 +61,35 @@ def test_a_body_is_rounded_without_crossings(seed: int) -> None:
     assert (vertices == vertices.astype(np.float32)).all()
     assert not len(self_intersections(Mesh(vertices, faces.astype(np.int64))))
     assert mesh_volume(vertices, faces) == pytest.approx(solid.volume(), rel=1e-4)
+
+
+# a plate's face meets a tube's at two corners .0014 mm apart: two faces cross, whatever simplifying does
+SLIT = (
+    [
+        [73.83466339, 77.36261749, 1.2000000477],
+        [74.05343627929688, 78.06514739990234, 1.2004024982452393],
+        [74.05472564697266, 78.06504821777344, 1.2000000476837158],
+        [74.24855041503906, 78.70536041259766, 1.4839040040969849],
+        [72.7731704711914, 77.45386505126953, 1.981407880783081],
+        [72.89791870117188, 78.16447448730469, 2.0510034561157227],
+        [74.74144744873047, 78.41903686523438, 1.2000000476837158],
+        [50.99223327636719, 83.56975555419922, 1.2000000476837158],
+        [75.0, 60.0, -3.0],
+    ],
+    [
+        *([4, 1, 0], [5, 3, 1], [2, 6, 1], [1, 3, 2], [3, 6, 2], [4, 5, 1], [1, 7, 0]),
+        *([1, 6, 7], [4, 0, 8], [3, 5, 8], [6, 3, 8], [5, 4, 8], [0, 7, 8], [7, 6, 8]),
+    ],
+)
+
+
+def test_a_slit_that_simplifying_does_not_close_is_joined() -> None:
+    body = np.float32(SLIT[0]).astype(np.float64), np.array(SLIT[1])
+    solid = as_manifold(body)
+    assert not any(_is_clean(as_mesh(solid.simplify(within))) for within in TOLERANCES_MM)
+    joined = clean_body(body)
+    assert _is_clean(joined)
+    assert as_manifold(joined).volume() == pytest.approx(solid.volume(), rel=1e-6)
 
 
 def posed(shrinkage: float, room: float = 250.0) -> Part:
