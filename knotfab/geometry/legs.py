@@ -154,7 +154,7 @@ def plan_bars(
         return needs(leg, tied[leg]) - needs(leg, at) if in_time else 0.0
 
     def in_one_layer(n: int, other: int) -> bool:
-        """Return whether the strand leads from one point to the other about a valley or peak at their height."""
+        """Return whether a valley or peak at the height of two points joins them."""
         for turns in (begin[:-1], begin[1:] - 1):
             turn = points[turns[own[n]]]
             if (turn == points[turns[own[other]]]).all():
