@@ -126,7 +126,7 @@ def _cast_shadows() -> None:
     tube_field([np.eye(3)], 0.1, geometry)
     layered_mask(mesh, geometry, 0.5)
     fill_triangles(mesh.vertices[:2], mesh.faces, 2)
-    fit_picture(np.eye(2), np.eye(2), 1)
+    fit_picture(np.eye(2), np.eye(2), 1, 1)
 
 
 def _draw() -> None:

@@ -68,6 +68,24 @@ def test_the_gain_of_a_foreign_sign_is_its_mean_fit_to_the_others(number: int) -
     assert others.mean() == pytest.approx(told.GAINS[number], abs=2e-6)
 
 
+@pytest.mark.parametrize("thick", [2.0, 25.0])
+def test_what_cannot_tell_most_is_left_out_and_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch, thick: float
+) -> None:
+    vertices, faces = solid_of(ell() | np.eye(60, dtype=bool), thick)
+    parts = {"whole": faces, "knots": faces[: len(faces) // 3], "holder": faces[len(faces) // 2 :]}
+    ring = np.hypot(*np.indices((60, 60)) - 30.0) < 28
+    fit, fits = told._fit, list[int]()
+    monkeypatch.setattr(told, "_fit", lambda *asked: fits.append(len(asked)) or fit(*asked))
+    for target in (ell(), ell()[:, ::-1], ring):
+        fits.clear()
+        found, few = tell(vertices, parts, np.eye(3), target), fits.count(2)
+        with monkeypatch.context() as every:
+            every.setattr(told, "_ROUNDING", np.inf)  # nothing is surely less
+            assert tell(vertices, parts, np.eye(3), target) == found
+        assert found is not None and few < fits.count(2) - few
+
+
 @pytest.mark.study
 def test_the_share_follows_what_a_person_named_and_not_the_seed(
     monkeypatch: pytest.MonkeyPatch,

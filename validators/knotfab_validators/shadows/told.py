@@ -23,7 +23,8 @@ SEEDS = 0x1E3779B97F4A7C15, 0x2545F4914F6CDD1D, 0x5851F42D4C957F2D  # of the fit
 # shares of what the picture itself gets, follow his words less.
 PLAIN = 0.25
 SAME = 0.85  # a sign that fits the picture itself this well is not foreign
-_TRIES = 100  # steps of a fit
+_TRIES, _FIRST_TRIES = 100, 5  # steps of a fit, and of one that bounds it from below
+_ROUNDING = 1e-9  # of sums of fits
 # each foreign sign's mean fit to the 23 others, which takes half a second to work out; a test does
 # fmt: off
 GAINS = (
@@ -58,7 +59,9 @@ def tell(vertices: Array, parts: Mapping[str, Ints], axes: Array, target: Mask) 
         own = np.ascontiguousarray(place.reshape(-1, 3), dtype=np.int64)
         seen = np.ascontiguousarray(local[:, used])
         for side in SIDES if len(faces) else ():
-            found.append((picture.share(_look(seen, own, side, picture)), side, name))
+            rival = max((s for s, by, _ in found if side not in DOOR or by in DOOR), default=0.0)
+            looks = _look(seen, own, side, picture)
+            found.append((picture.share(looks, rival), side, name))
     if not found:
         return None
     share, (azimuth, elevation), of = max(found)
@@ -97,13 +100,22 @@ class _Picture:
         self.signs, self.gains, self.usual = signs[others], gains[others], gain[others].mean()
         self.plain = min(PLAIN, self._stand_out([self.own] * len(SEEDS)))
 
-    def share(self, looks: Sequence[Array]) -> float:
-        """Return how far the picture stands out in looks from nearly one side, of what is plain."""
-        return min(max(self._stand_out(looks) / self.plain, 0.0), 1.0)
+    def share(self, looks: Sequence[Array], rival: float = 0.0) -> float:
+        """Return how far the picture stands out in looks from nearly one side, of what is plain.
 
-    def _stand_out(self, looks: Sequence[Array]) -> float:
-        others = np.array([_fit(sign, looks) for sign in self.signs]) - self.gains
-        return float(_fit(self.own, looks) - self.usual - others.mean())
+        What is surely less than the share of a `rival` is not worked out: a number between them is returned.
+        """
+        return min(max(self._stand_out(looks, rival * self.plain) / self.plain, 0.0), 1.0)
+
+    def _stand_out(self, looks: Sequence[Array], least: float = -np.inf) -> float:
+        own = _fit(self.own, looks) - self.usual
+        # a fit only grows with its steps, so that what stands out only falls
+        fits = np.array([_fit(sign, looks, _FIRST_TRIES) for sign in self.signs])
+        for k, sign in enumerate(self.signs):
+            if own - (fits - self.gains).mean() < least - _ROUNDING:
+                break
+            fits[k] = _fit(sign, looks)
+        return float(own - (fits - self.gains).mean())
 
 
 def _beside(side: tuple[int, int], by_deg: int) -> tuple[int, int]:
@@ -183,9 +195,10 @@ def _cover(sign: Mask) -> Array:
     return np.pad(box, _SIGN_MARGIN_PX)
 
 
-def _fit(picture: Array, looks: Sequence[Array]) -> float:
+def _fit(picture: Array, looks: Sequence[Array], tries: int = _TRIES) -> float:
     """Return the mean of a picture's fits to looks, each begun from another seed."""
-    fits = [fit_picture(picture, look, seed) for look, seed in zip(looks, SEEDS, strict=True)]
+    pairs = zip(looks, SEEDS, strict=True)
+    fits = [fit_picture(picture, look, seed, tries) for look, seed in pairs]
     return float(np.mean(fits))
 
 
@@ -219,13 +232,13 @@ def fill_triangles(points: Array, faces: Ints, size: int) -> Mask:
 
 
 @compiled
-def fit_picture(picture: Array, look: Array, seed: int) -> float:
+def fit_picture(picture: Array, look: Array, seed: int, tries: int) -> float:
     """Return the largest IoU of two pictures (n, n) under a nearly identical affine map."""
     map_ = np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     best, scale, shift = _overlap(picture, look, map_), 1.0, len(picture) / 20.0
     state = np.uint64(seed)
     moved = map_.copy()
-    for _ in range(_TRIES):
+    for _ in range(tries):
         for i in range(6):
             # the sum of four uniform numbers is nearly normal
             total = 0.0
