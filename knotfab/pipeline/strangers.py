@@ -19,7 +19,6 @@ import numpy as np
 from knotfab.base.disk import read_file, temporary_folder
 from knotfab.base.errors import MachineError
 from knotfab.base.limited import run_limited
-from knotfab.picture.read import read_target
 from knotfab.pipeline.verifier import (
     Files,
     Verifier,
@@ -187,6 +186,7 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
         InputError: a file cannot be read, there is no such view, or `out` cannot be written.
         MachineError: this machine cannot render.
     """
+    from knotfab.picture.read import read_target  # `validate` reads no picture
     from knotfab_validators.files.mesh import read_mesh
     from knotfab_validators.files.scene import read_scene
     from knotfab_validators.shadows.frame import working_frame, write_shadow
