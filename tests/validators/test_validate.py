@@ -19,6 +19,7 @@ from knotfab_formats.verdict import KNOTS, Verdict
 from knotfab_validators.check import BadFile, skip_check
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import read_knots
+from knotfab_validators.shadows import part_shadows
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
 from knotfab_validators.validate import conclude_piece, read_piece, validate
@@ -207,7 +208,7 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
 ) -> None:
     """Where none is asked, each of them is said to be left out."""
     measured = [skip_check("measured", "")], [], None
-    monkeypatch.setitem(validate.__globals__, "verify_shadows", lambda *_: measured)
+    monkeypatch.setattr(part_shadows, "verify_shadows", lambda *_: measured)
     skip = [name for name in OF_SHADOWS if name != asked]
     found = [(c.name, c.detail) for c in run(right, skip=skip, only="shadows").checks]
     left = [(name, "left out on request") for name in OF_SHADOWS]
