@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import pi, radians, tan
 
 LEAST_FLANK_DEG = 35.0  # from the bed: a third of a 0.45 mm line then lies on the layer below
 MOST_REACH_MM = 1.1  # how far a layer may reach over air, held on one side
 MOST_BRIDGE_MM = 10.0
+# by so much, half of an arch as wide as a bridge, flatter undersides may rise: they round off a peak
+ROUNDED_MM = MOST_BRIDGE_MM / 2 * tan(radians(LEAST_FLANK_DEG))
 # at a leg's tip: the nozzle's drag, a few tenths of a newton, then moves it by less than 1 mm
 LEAST_STIFFNESS_N_MM = 0.5
 LEAST_FOOT_SHARE = 0.5  # share of a leg's own section; what touches the bed in a line has less

@@ -5,7 +5,7 @@ The searches without a limit price it: they show how much IoU it costs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from knotfab.start.start import make_start
 from knotfab_formats.report import Price
 from knotfab_formats.scene import SettledRegion
 from knotfab_formats.search import SearchSettings
-from knotfab_formats.upright import LEAST_FLANK_DEG, MOST_BRIDGE_MM
+from knotfab_formats.upright import LEAST_FLANK_DEG, MOST_BRIDGE_MM, ROUNDED_MM
 
 SHORT: dict[str, Any] = {
     "method": "flow",
@@ -339,15 +339,37 @@ def start_on_more_legs(
         if (leg.curve, at) not in changed:  # both legs of an arch may lack one
             heights = curves[leg.curve][:, 2] - floor
             change(leg, at, _halve_arch(heights, plans[leg.curve], at, radius))
-    for leg in legs:
-        rise = float(np.ptp(leg.points[:, 2]))
-        along = float(np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum())
-        if rise < along * np.tan(np.radians(_FLATTEST_DEG)) and rise > MOST_BRIDGE_MM:
-            share = 0.5 * (along * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
+
+    def add_arches(is_flat: Callable[[Leg], bool]) -> None:
+        for leg in filter(is_flat, legs):
+            rise = float(np.ptp(leg.points[:, 2]))
+            share = 0.5 * (_steps_along(leg).sum() * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
             low, high = place(leg, 0), place(leg, -1)
             heights = curves[leg.curve][:, 2] - floor
             change(leg, high, _add_arch(heights, plans[leg.curve], low, high, share, radius))
+
+    add_arches(_is_flat)
+    if not changed:  # a further search may well straighten a leg that is flat in places
+        add_arches(_is_flat_in_places)
     return replace(start, curves=tuple(c @ target.axes for c in curves)) if changed else None
+
+
+def _steps_along(leg: Leg) -> Array:
+    """Return how far each step along a leg goes over the bed, (n - 1,) mm."""
+    return np.asarray(np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1))
+
+
+def _is_flat(leg: Leg) -> bool:
+    rise, along = np.ptp(leg.points[:, 2]), _steps_along(leg).sum()
+    return bool(MOST_BRIDGE_MM < rise < along * np.tan(np.radians(_FLATTEST_DEG)))
+
+
+def _is_flat_in_places(leg: Leg) -> bool:
+    """Return whether a stretch that is too flat to print rises by more than what rounds a peak off."""
+    rises = np.diff(leg.points[:, 2])
+    flat = rises < _steps_along(leg) * np.tan(np.radians(LEAST_FLANK_DEG))
+    stretch = np.cumsum(np.diff(flat, prepend=False))[flat]
+    return bool((np.bincount(stretch, rises[flat]) > ROUNDED_MM).any())
 
 
 def _find_crossings(plans: list[Array]) -> list[Mask]:

@@ -9,7 +9,7 @@ from shapely import Point
 
 from knotfab.base.arrays import Array
 from knotfab.design.design import _BRACINGS
-from knotfab.design.retries import start_on_more_legs
+from knotfab.design.retries import _FLATTEST_DEG, start_on_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.problem import Start
 from knotfab.start.profiles import lower
@@ -100,6 +100,23 @@ def test_a_flat_leg_gets_an_arch_so_that_all_are_steep(arches: int, flank_deg: f
         away = np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum()
         # 46 less what peaks round
         assert np.degrees(np.arctan2(np.ptp(leg.points[:, 2]), away)) > 44.0
+
+
+@pytest.mark.parametrize(("bend_deg", "more"), [(9.0, True), (2.0, False)])
+def test_a_leg_that_is_flat_above_gets_an_arch_though_it_is_steep_on_the_whole(
+    bend_deg: float, more: bool
+) -> None:
+    before, count = ring(2, 26.0, 19.8), 200
+    u = 1.0 - np.abs(np.linspace(-1.0, 1.0, count, endpoint=False))
+    low, high = (np.tan(np.radians(40.0 + way * bend_deg)) for way in (1, -1))
+    height = 31.1 * np.where(u < 0.5, low * u, 0.5 * low + high * (u - 0.5))
+    before[:, 2] = np.tile(height, 2) - 40.0
+    before[:, :2] = lower(ring(2, 26.0, 19.8), LIGHT) * (1.0 - before[:, 2:] / LIGHT)
+    legs = find_legs([before])
+    rise = np.array([np.ptp(leg.points[:, 2]) for leg in legs])
+    away = [np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum() for leg in legs]
+    assert (np.degrees(np.arctan2(rise, away)) > _FLATTEST_DEG).all()
+    assert (ask(before) is not None) == more
 
 
 def test_strands_that_cross_keep_their_heights_there() -> None:

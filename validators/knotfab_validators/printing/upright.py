@@ -14,6 +14,7 @@ from knotfab_formats.upright import (
     MOST_BRIDGE_MM,
     MOST_REACH_MM,
     MOST_UNEVEN_MM,
+    ROUNDED_MM,
     longest_free_leg_mm,
 )
 from knotfab_formats.verdict import GROWN, OVERHANGING, Check
@@ -27,7 +28,6 @@ from knotfab_validators.printing.standing import margin, share_above
 ANGLE_TOLERANCE = 2e-3  # of a normal's z: small faces in single precision are off by this
 LENGTH_TOLERANCE_MM = 1e-6
 APART_MM = 4.0  # places of one check that are nearer count as one
-ROUNDED_MM = MOST_BRIDGE_MM / 2 * float(np.tan(np.radians(LEAST_FLANK_DEG)))
 
 
 @dataclass(frozen=True)
