@@ -17,6 +17,7 @@ $(DONE): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install -q --upgrade pip
 	$(BIN)/python -m pip install $(TORCH)
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[all]'
+	$(BIN)/python -m compileall -q knotfab formats validators fixtures # pip compiles no editable package
 	$(BIN)/knotfab doctor --compile
 	touch $(DONE)
 
