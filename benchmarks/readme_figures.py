@@ -1,6 +1,7 @@
 """Holds README's figures of its first command against what `make demo` built; fails where they differ.
 
-`python -m benchmarks.readme_figures demo-out`
+`python -m benchmarks.readme_figures demo-out`: grams and hours by over 5 %, the IoU by over .001. Another
+processor rounds otherwise, which leads a search elsewhere: two gave 51.2 and 52.8 g.
 """
 
 from __future__ import annotations
@@ -16,20 +17,19 @@ FIGURES = r"knight of ([\d.]+) g that prints in ([\d.]+) h .*?is ([\d.]+)\."
 
 
 def compare_figures(text: str, report: Report) -> list[str]:
-    """Name each figure of README's sentence that is not the report's, as rounded there."""
+    """Name each figure of README's sentence that is farther from the report's than processors differ."""
     told = re.search(FIGURES, text, re.DOTALL)
     if told is None:
         return ["README has no sentence on what make demo gives"]
     grams, seconds = report.print.filament_g, report.print.time_s
     measured = {
-        "grams": grams,
-        "hours": None if seconds is None else seconds / 3600,
-        "IoU": report.views[0].iou,
+        "grams": (grams, 0.05 * (grams or 0.0)),
+        "hours": (seconds and seconds / 3600, 0.05 * (seconds or 0.0) / 3600),
+        "IoU": (report.views[0].iou, 0.001),
     }
     wrong = []
-    for (name, found), said in zip(measured.items(), told.groups(), strict=True):
-        places = len(said.partition(".")[2])
-        if found is None or f"{found:.{places}f}" != said:
+    for (name, (found, within)), said in zip(measured.items(), told.groups(), strict=True):
+        if found is None or abs(found - float(said)) > within:
             wrong.append(f"{name}: README says {said}, the build {found}")
     return wrong
 
