@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from knotfab.base.arrays import Array, Indices
+from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh
@@ -249,6 +249,22 @@ def plan_bars(
     # a bar lower down may leave its leg out of reach of the next one
     tried = [tie_legs(False), *([tie_legs(True)] if thrifty else [])]
     return min(tried, key=lambda one: (len(one[1]), len(one[0])))
+
+
+def hide_behind(mask: Mask, projection: Array) -> Callable[[Array], bool]:
+    """Return a function that tests whether a picture (H, W) hides the shadows of all points (n, 3).
+
+    `projection` (3, 4) maps them to its pixels.
+    """
+    height, width = mask.shape
+
+    def hidden(points: Array) -> bool:
+        u, v, w = projection[:, :3] @ points.T + projection[:, 3:]
+        column, row = np.floor(u / w).astype(int), np.floor(v / w).astype(int)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        return bool(inside.all() and mask[row, column].all())
+
+    return hidden
 
 
 def _drop_spare(

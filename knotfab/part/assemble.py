@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
-from knotfab.geometry.legs import Bar, find_legs, plan_bars
+from knotfab.geometry.legs import Bar, find_legs, hide_behind, plan_bars
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import WITHIN_MM, Faces, Mesh, as_manifold, as_mesh, face_normals, sweep
 from knotfab.hold.lamp_frame import Table, frame_or_reason
@@ -21,7 +21,7 @@ from knotfab.hold.mount import Mounted, mount_piece
 from knotfab.knots import Knots
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.picture.read import Target
-from knotfab.scene.camera import Camera, cameras_of, view_axes
+from knotfab.scene.camera import cameras_of, view_axes
 from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.slicer_ini import SUPPORT_LINE_NOZZLES, stiffness_share
 from knotfab_formats.upright import MOST_BRIDGE_MM
@@ -99,26 +99,12 @@ def part_of(
             bodies = [clean_body(body) for body in bodies]
         standing = None
         if scene.piece.supports == "none" and printing:
-            hidden = _hide_behind(masks[0], cameras[0], pose.matrix)
+            hidden = hide_behind(masks[0], cameras[0].projection @ pose.matrix)
             modulus = scene.material.young_modulus_mpa * stiffness_share(scene.printer, radius)
             in_plate = mounted.scene.mount.on_feet
             pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]
     return Part(bodies, pose, mounted, standing)
-
-
-def _hide_behind(mask: Mask, camera: Camera, matrix: Array) -> Callable[[Array], bool]:
-    """Return a function that tests whether the picture hides the shadows of all points (n, 3), in print."""
-    height, width = mask.shape
-    projection = camera.projection @ matrix
-
-    def hidden(points: Array) -> bool:
-        u, v, w = projection[:, :3] @ points.T + projection[:, 3:]
-        column, row = np.floor(u / w).astype(int), np.floor(v / w).astype(int)
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        return bool(inside.all() and mask[row, column].all())
-
-    return hidden
 
 
 def _choose_pose(made: Design, mounted: Mounted, printing: bool) -> tuple[Mounted, PrintPose]:

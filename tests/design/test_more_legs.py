@@ -5,14 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shapely import Point
 
 from knotfab.base.arrays import Array
 from knotfab.design.design import _BRACINGS
 from knotfab.design.retries import _FLATTEST_DEG, start_on_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.problem import Start
+from knotfab.scene.camera import view_axes
 from knotfab.start.profiles import lower
+from knotfab_formats.scene import ResolvedView
 
 RADIUS, LIGHT, PLA = 1.66, 600.0, 2300.0
 
@@ -35,8 +36,9 @@ def ask(
     arched: bool = True,
     types: tuple[str, ...] = ("unknot",),
 ) -> Start | None:
-    view = SimpleNamespace(light_distance_mm=LIGHT)
-    target = SimpleNamespace(view=view, axes=np.eye(3), polygon=Point(0, 0).buffer(150))
+    view = ResolvedView(frame_width_mm=400.0, frame_height_mm=400.0, light_distance_mm=LIGHT)
+    mask = np.ones((400, 400), dtype=bool)
+    target = SimpleNamespace(view=view, axes=view_axes(view), mask=mask)
     problem: Any = SimpleNamespace(
         arched=arched, views=(target,), leg_modulus_mpa=lambda radius: PLA
     )
