@@ -316,7 +316,9 @@ def _thin(point: Array, face: Ints, normals: Array, spacing: float) -> tuple[Arr
     # a random choice: the first in each cube would be the same facet all along a tube
     lot = np.random.default_rng(0).permutation(len(point))
     # keep faces in order, which makes rays faster
-    keep = np.sort(lot[_first_in_cube(point[lot], spacing, point.min(axis=0), way[lot])])
+    keep = np.sort(
+        lot[_first_in_cube(point[lot], spacing, point.min(axis=0, initial=np.inf), way[lot])]
+    )
     return point[keep], face[keep]
 
 
