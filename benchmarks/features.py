@@ -80,6 +80,8 @@ def _is_mounted(kind: str) -> Callable[[Found], bool]:
 
 
 _ONE = "scenarios.md#one-picture-one-knot"
+# radii that a column's strands keep to, where that leaves no room for all of the picture, mm
+_BEND, _BENDS = 30.0, {"several views": 15.0, "sequence": 12.0, "coloured lamps": 8.0}
 _DECIDED = tuple((c, "pictures decide the depth") for c in ("several views", "coloured lamps"))
 ROWS: tuple[Row, ...] = (
     Row(
@@ -146,7 +148,7 @@ ROWS: tuple[Row, ...] = (
         "sparser filling",
         "report.md#search",
         lambda f: "binding" in f.report and "fail" not in f.check("bend") + f.check("clearance"),
-        "[material]\nmin_bend_radius_mm = 30.0\n",
+        f"[material]\nmin_bend_radius_mm = {_BEND}\n",
         passes=False,
     ),
     Row(
@@ -227,7 +229,9 @@ def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
     text = cell.row.scene
     if "[region]" in text:
         wide = 300 if cell.column == "coloured lamps" else 150  # their pieces stand side by side
-        trimesh.creation.box(extents=(wide, 150, 150)).export(folder / "region.stl")
+        trimesh.creation.box(extents=(wide, wide, 150)).export(folder / "region.stl")
+    bend = _BENDS.get(cell.column, _BEND)
+    text = text.replace(f"min_bend_radius_mm = {_BEND}", f"min_bend_radius_mm = {bend}")
     # the exact polygons decide about shadows: rendering them costs as much as all the rest
     options: dict[str, Any] = {"skip": ("slicer", "shadow-render"), **dict(cell.row.options)}
     if cell.column == "several views":
@@ -235,7 +239,6 @@ def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
     elif cell.column == "coloured lamps":
         drawn = [draw_flag()]
         options |= {"lamps": "rgb", "size": 200}  # each half as large as the others' pictures
-        text = text.replace("min_bend_radius_mm = 30.0", "min_bend_radius_mm = 6.0")
     elif cell.column == "sequence":
         drawn = [draw_disc(0.48), draw_disc(0.5), draw_disc(0.52)]
         options["sequence"] = True
