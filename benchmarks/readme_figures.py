@@ -1,7 +1,7 @@
 """Holds README's figures of its first command against what `make demo` built; fails where they differ.
 
 `python -m benchmarks.readme_figures demo-out`: grams and hours by over 5 %, the IoU by over .001. Another
-processor rounds otherwise, which leads a search elsewhere: two gave 51.2 and 52.8 g.
+processor rounds otherwise, which leads a search elsewhere.
 """
 
 from __future__ import annotations

@@ -166,10 +166,10 @@ def plan_bars(
         here, best = points[n], None
         near, away = _find_level(n, points, upwards, heights, own, along, radius, MOST_BAR_MM)
         for k in range(len(near)):
-            if away[k] < 1.9 * radius or in_one_layer(n, int(near[k])):
+            if away[k] < 1.9 * radius:
                 continue
             worth = spares(own[n], along[n]) + spares(own[near[k]], along[near[k]])
-            if worth <= least:
+            if worth <= least or in_one_layer(n, int(near[k])):
                 continue
             found = lay_bar(n, int(near[k]), here)
             if found is not None:

@@ -72,7 +72,7 @@ MOST_POSTS = 4  # posts from strands to an eyelet
 _SPREAD_RADII, _WEIGHED = 6.0, 12
 # each about the centre of mass of the one before, with a post more where that sags too much
 _PLANS = 4
-# of the allowed sag: what sags more with all struts that help is not planned again with a post more
+# times the allowed sag: where every strut that helps leaves more, no further post is tried
 _HOPELESS = 2.0
 # share of a frame up to which a pair lies in all pictures' shadows, or beside them
 _UNSEEN = 0.0001

@@ -30,10 +30,9 @@ SAME_DEG = 5.0  # directions closer than this count as one
 _FAINT, _KEYED = 0.34, 0.8  # share of a panel's light from all sides, and from the upper left
 
 _THREAD_MM, _THREAD_RADIUS_MM = 600.0, 0.3  # as far as a picture shows
-_FINER = (
-    2  # pixels of a pixel's side: cheaper, where VTK draws by software, than samples of its own
-)
-_SMALL_PX = 1_500_000
+# pixels are drawn so many across one: cheaper than samples of its own where VTK draws by software
+_FINER = 2
+_SMALL_PX = 1_500_000  # of a picture below which it is drawn whole
 _LEVELS = 4095  # of linear light, in the table that turns it into sRGB
 
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from knotfab.base.arrays import Array, Real
 from knotfab.base.compiled import compiled
 
-_BESIDE = np.array(
-    [[-0.9, -0.4], [0.9, 0.4], [-0.4, 0.9], [0.4, -0.9]]
-)  # a lamp's pixels that are asked
+# where a lamp's depths are asked about a place, px
+_BESIDE = np.array([[-0.9, -0.4], [0.9, 0.4], [-0.4, 0.9], [0.4, -0.9]])
 
 
 @compiled

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array, Mask
+from knotfab.base.limited import run_limited
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.geometry.tube import Mesh, face_normals, keep_faces
@@ -75,8 +76,12 @@ def read_viewer_data(folder: Path) -> Record:
     bodies: list[Mesh] = []
     shown = scene.piece.printed or scene.mount.kind != "none"  # the knots alone are drawn as tubes
     if shown and (part := folder / f"part{suffixes[0]}.stl").is_file():
-        whole = merge_equal(corners_stl(part.read_bytes(), part.name))
-        bodies = [(whole.vertices, whole.faces.astype(np.int32))]
+
+        def load() -> Mesh:
+            whole = merge_equal(corners_stl(part.read_bytes(), part.name))
+            return whole.vertices, whole.faces.astype(np.int32)
+
+        bodies = [run_limited(load, part.name, seconds=60, remedy="Build it anew.")]
     return viewer_data(scene, knots, bodies, masks, history=frames)
 
 

@@ -155,8 +155,10 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
     """Yield each conflict between a view's picture, piece and lamps, with its remedy."""
     radius = scene.piece.tube_radius_mm or 0.0
     reach = max(0.5 * (scene.piece.depth or 0.0), radius)
-    flatter = reach > radius
-    less = "Leave out --depth" if flatter else "Leave out --tube-radius"
+    # where the tube alone reaches so far, a wall farther away helps no picture of usual size
+    less, or_away = "Leave out --tube-radius", ""
+    if reach > radius:
+        less, or_away = "Leave out --depth", ", or move the wall away (--wall-distance)"
     light, wall = view.light_distance_mm, view.wall_distance_mm
     if reach >= light:
         yield (
@@ -167,7 +169,7 @@ def _faults_of_view(scene: Scene, view: View) -> Iterator[tuple[str, str]]:
     if view.kind == "shadow" and reach >= wall and not settles:
         yield (
             f"the piece reaches {reach:g} mm towards the wall, but wall_distance_mm is {wall:g}",
-            f"{less}{', or move the wall away (--wall-distance)' * flatter}.",
+            f"{less}{or_away}.",
         )
     tilt = math.radians(view.wall_tilt_deg)
     if 0.5 * view.light_size_mm >= light - reach:

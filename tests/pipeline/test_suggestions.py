@@ -20,7 +20,7 @@ from knotfab.pipeline import prepare
 from knotfab.pipeline.build import run_build
 from knotfab.pipeline.options import options_from
 from knotfab.pipeline.prepare import prepare_build, survey_pictures
-from knotfab.request import require_device
+from knotfab.request import Request, require_device
 from knotfab.search import search as searching
 from knotfab_formats.errors import KnotfabError
 
@@ -118,12 +118,14 @@ class Surveyed(Exception):
     """A call got as far as the survey of its pictures."""
 
 
-def refuse(pictures: list[str], asked: Options) -> KnotfabError | None:
+def refuse(
+    pictures: list[str], asked: Options, begin: Callable[[Request], object] = require_device
+) -> KnotfabError | None:
     """Return the error with which a build ends before its search."""
     named = {name.replace("-", "_"): value for name, value in asked.items()}
     try:
         options = options_from({"accuracy": "sketch", "out": "nowhere", **named})
-        require_device(prepare_build(pictures, options, "", Progress("quiet")))
+        begin(prepare_build(pictures, options, "", Progress("quiet")))
     except KnotfabError as error:
         return error
     except Surveyed:
@@ -133,21 +135,13 @@ def refuse(pictures: list[str], asked: Options) -> KnotfabError | None:
 
 def refuse_late(pictures: list[str], asked: Options) -> KnotfabError | None:
     """Return the error with which a build ends before it first searches."""
-    named = {name.replace("-", "_"): value for name, value in asked.items()}
 
     def reach(*_: object, **__: object) -> None:
         raise Surveyed
 
     with TemporaryDirectory() as place, pytest.MonkeyPatch.context() as patch:
         patch.setattr(searching, "search", reach)
-        try:
-            options = options_from({"accuracy": "sketch", "out": Path(place) / "built", **named})
-            run_build(prepare_build(pictures, options, "", Progress("quiet")))
-        except KnotfabError as error:
-            return error
-        except Surveyed:
-            pass
-    return None
+        return refuse(pictures, {**asked, "out": Path(place) / "built"}, run_build)
 
 
 def suggest(error: KnotfabError, asked: Options, given: Options) -> Iterator[Options]:

@@ -6,8 +6,11 @@ import base64
 import hashlib
 import io
 import json
+import os
 import re
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,7 @@ from knotfab.geometry.overhang import Rules
 from knotfab.knots import Knot, Knots
 from knotfab.part.write import write_glb
 from knotfab.render.part_picture import turn_upright
+from knotfab.report import viewer
 from knotfab.report.page import VIEWER, encode_for_script
 from knotfab.report.pictures import turns_of
 from knotfab.report.viewer import (
@@ -30,6 +34,7 @@ from knotfab.report.viewer import (
     viewer_data,
 )
 from knotfab.scene.camera import camera_of
+from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedView, SettledScene
 
 WEB = Path(__file__).parents[2] / "web"
@@ -85,6 +90,24 @@ def test_the_states_of_a_large_piece_stay_small_together() -> None:
     shown = [[len(unpacked(curve)) for curve in frame["curves"]] for frame in data["history"]]
     assert sum(map(sum, shown)) < 1.25 * HISTORY_VERTICES
     assert min(map(min, shown)) >= 8 and all(len(frame) == 40 for frame in shown)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux makes limited copies")
+def test_a_folders_part_is_read_in_a_limited_copy(
+    copies: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("knots.json", "part.stl"):
+        (tmp_path / name).touch()
+    scene = SimpleNamespace(piece=SimpleNamespace(printed=True))
+    monkeypatch.setattr(viewer, "_read_piece", lambda *_: (scene, None, [MASK]))
+
+    def refuse(*_: object) -> None:
+        raise InputError("part.stl", f"process {os.getpid()} reads it", "Nothing helps.")
+
+    monkeypatch.setattr(viewer, "corners_stl", refuse)
+    with pytest.raises(InputError, match="reads it") as caught:
+        viewer.read_viewer_data(tmp_path)
+    assert str(os.getpid()) not in caught.value.why
 
 
 def test_a_history_is_thinned_and_keeps_its_curves() -> None:

@@ -24,7 +24,7 @@ SEEDS = 0x1E3779B97F4A7C15, 0x2545F4914F6CDD1D, 0x5851F42D4C957F2D  # of the fit
 PLAIN = 0.25
 SAME = 0.85  # a sign that fits the picture itself this well is not foreign
 _TRIES, _FIRST_TRIES = 100, 5  # steps of a fit, and of one that bounds it from below
-_ROUNDING = 1e-9  # of sums of fits
+_ROUNDING = 1e-9  # error of a sum of fits
 # each foreign sign's mean fit to the 23 others, which takes half a second to work out; a test does
 # fmt: off
 GAINS = (
