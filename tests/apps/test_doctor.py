@@ -117,6 +117,7 @@ def test_a_library_that_is_missing_or_broken_has_its_remedy(
         ("import time; time.sleep(60)", "no answer in 3 s"),
     ],
 )
+@pytest.mark.slow
 def test_a_child_that_dies_is_a_finding_not_a_crash(
     monkeypatch: pytest.MonkeyPatch, code: str, said: str
 ) -> None:

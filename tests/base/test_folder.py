@@ -280,6 +280,7 @@ def test_a_living_build_keeps_its_hidden_folder(tmp_path: Path) -> None:
     assert listing(tmp_path) == {"knots.json": b"new", "note": b"of another"}
 
 
+@pytest.mark.slow
 def test_two_builds_into_one_folder_do_not_mix(tmp_path: Path) -> None:
     def write(content: str) -> None:
         for _ in range(20):
@@ -374,6 +375,7 @@ def strangers_folder(place: Path, steps: list[object], wrap: Callable[[str], obj
 
 
 @pytest.mark.parametrize("kind", STEPS)
+@pytest.mark.slow
 def test_moves_that_a_stranger_wrote_do_nothing(tmp_path: Path, kind: str) -> None:
     """They come as once written, under made-up seals, and under one of this user for another folder."""
     ours = killed_build(tmp_path / "ours", note="new")

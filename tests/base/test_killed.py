@@ -54,6 +54,7 @@ def old_files(folder: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork")
 @pytest.mark.parametrize("passes", [True, False])
+@pytest.mark.slow
 def test_a_build_killed_at_any_moment_leaves_one_whole_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, passes: bool
 ) -> None:

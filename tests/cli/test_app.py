@@ -194,6 +194,7 @@ def test_a_mount_is_printed(
     assert [request.printing for request in asked] == [printing]
 
 
+@pytest.mark.slow
 def test_the_default_folder_keeps_what_another_picture_came_to(
     bad: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -245,6 +246,7 @@ def test_a_tube_thinner_than_the_printer_prints(bad: Path, tmp_path: Path) -> No
     assert "at least --tube-radius 0.8" in refuse(1, *call)
 
 
+@pytest.mark.slow
 def test_a_device_for_the_flow_or_that_is_not_there(bad: Path, tmp_path: Path) -> None:
     import torch
 
@@ -256,6 +258,7 @@ def test_a_device_for_the_flow_or_that_is_not_there(bad: Path, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", "/proc/nope"])
+@pytest.mark.slow
 def test_an_output_folder_that_cannot_be_written(bad: Path, tmp_path: Path, place: str) -> None:
     (tmp_path / "file").write_text("in the way")
     said = refuse(2, "build", bad / "good.png", "--out", tmp_path / place)

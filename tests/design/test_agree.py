@@ -142,6 +142,7 @@ def test_pictures_that_agree_stay_as_they_are() -> None:
     assert done.lines == ()
 
 
+@pytest.mark.slow
 def test_bending_brings_every_bound_up_and_keeps_pieces() -> None:
     targets = (EGG, HOURGLASS, LEANING)
     done = agree(spread_views(Scene(), "abcdefghijklmn"[:3]), targets)
@@ -264,6 +265,7 @@ def test_a_share_of_a_height_is_a_key(text: str, key: float | None) -> None:
     assert read_scene(options_from({"bend": text}))[0].piece.bend == key
 
 
+@pytest.mark.slow
 def test_views_leave_equal_angles_where_that_leaves_more() -> None:
     """Two narrow pictures at equal angles on both sides of a wide one leave nothing of its ends."""
     wide = picture("wide", (0.5, 0.5, 0.49, 0.3))

@@ -443,6 +443,7 @@ def _iou(a: MultiPolygon, b: MultiPolygon) -> float:
 
 
 @pytest.mark.parametrize("kind", ["stay", "shift", "turn", "grow"])
+@pytest.mark.slow
 def test_a_displacement_takes_one_picture_to_the_other(kind: str) -> None:
     new = {
         "stay": BODY,

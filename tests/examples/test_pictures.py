@@ -55,6 +55,7 @@ def test_there_are_enough_and_they_are_black_on_white(images: dict[str, Image.Im
         ("stickman", 1, 0), ("teapot", 1, 1),
     ],
 )  # fmt: skip
+@pytest.mark.slow
 def test_pieces_and_holes(
     images: dict[str, Image.Image], name: str, pieces: int, holes: int
 ) -> None:

@@ -28,6 +28,7 @@ CALLS = {
 
 
 @pytest.mark.parametrize("case", CALLS)
+@pytest.mark.slow
 def test_no_command_writes_through_a_link(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
 ) -> None:

@@ -110,6 +110,7 @@ def _opens(call: ast.Call, memory: set[str]) -> bool:
     return name in METHODS or f"{owner}.{name}" in FUNCTIONS
 
 
+@pytest.mark.slow
 def test_only_write_whole_opens_for_writing() -> None:
     found = {
         f"{file.relative_to(ROOT / package)}:{where}"

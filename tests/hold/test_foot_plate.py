@@ -60,6 +60,7 @@ EYES = Knots((*TWO.knots, lying(0, -30), lying(0, 40)), RADIUS)
         2,
     ),
 )
+@pytest.mark.slow
 def test_the_plate_is_one_sheet_about_all_feet_and_fused_with_them(
     knots: Knots, feet: tuple[int, ...], kind: str
 ) -> None:

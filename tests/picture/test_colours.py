@@ -181,6 +181,7 @@ def test_a_drawing_is_read_on_any_ground(tmp_path: Path, kind: str) -> None:
     assert target.pieces == 1 and not target.mask[:5].any()
 
 
+@pytest.mark.slow
 def test_where_squares_cross_no_holes_are_punched() -> None:
     (photograph,) = (image for _, image, _ in draw_photographs("felt-tip, squared, shell"))
     read = read_paper(photograph)

@@ -88,6 +88,7 @@ def test_plain_drawings_raise_no_doubt(kind: str, tmp_path: Path) -> None:
     assert not read_target(tmp_path / "picture.png").notes
 
 
+@pytest.mark.slow
 def test_a_photograph_that_is_refused_is_told_to_be_lifted_out(tmp_path: Path) -> None:
     Image.fromarray(skimage.data.coffee()[::2, ::2]).save(tmp_path / "coffee.png")
     refusal = survey_pictures([str(tmp_path / "coffee.png")], BuildOptions()).refusal

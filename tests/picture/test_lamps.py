@@ -38,6 +38,7 @@ def pieces(found: Separation) -> int:
 
 
 @pytest.mark.parametrize("grain", [6.0, 12.0])
+@pytest.mark.slow
 def test_grain_is_smoothed_and_edges_stay(grain: float) -> None:
     clean, grainy = parted(photograph(0.0)), parted(photograph(grain))
     assert pieces(grainy) <= pieces(clean) + 1
@@ -52,6 +53,7 @@ def test_what_is_no_photograph_is_not_smoothed(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("more", [{"smooth_px": 6.0}, {"speck_px": 40}])
+@pytest.mark.slow
 def test_smooth_and_specks_leave_out_detail(more: dict[str, float]) -> None:
     without, dotted = photograph(0.0), photograph(0.0, dots=True)
     assert pieces(parted(dotted)) > pieces(parted(without)) + 10

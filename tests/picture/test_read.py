@@ -250,6 +250,7 @@ def test_relative_paths_start_at_the_base(tmp_path: Path) -> None:
     assert read_target("shape.png", base=tmp_path).name == "shape"
 
 
+@pytest.mark.slow
 def test_names_are_safe(tmp_path: Path) -> None:
     """Names of any script stay as they are in folders, in pages and in the names of views."""
     names = {
@@ -269,6 +270,7 @@ def test_a_file_named_as_a_text_keeps_its_name(
     assert read_target("./text:a.png").name == "text-a"
 
 
+@pytest.mark.slow
 def test_people_read_the_name_as_it_was_given(tmp_path: Path) -> None:
     """Its folder's name has signs that every disk takes; no sign that moves the cursor is shown."""
     for given, folder in (("Mia & Tom", "Mia-Tom"), ("1,5 mm (new)", "1-5-mm-new"), ("cat", "cat")):
@@ -347,6 +349,7 @@ def test_bad_files_are_refused_in_one_sentence(tmp_path: Path, name: str) -> Non
     assert caught.value.remedy.endswith(".")
 
 
+@pytest.mark.slow
 def test_missing_files_directories_and_pipes(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no such file"):
         read_target(tmp_path / "missing.png")
@@ -383,6 +386,7 @@ def test_permissions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("side", "dot", "good"), [(64, 1, False), (2000, 4, False), (64, 8, True)])
+@pytest.mark.slow
 def test_specks_are_refused(tmp_path: Path, side: int, dot: int, good: bool) -> None:
     grey = np.full((side, side), 255, dtype=np.uint8)
     grey[20 : 20 + dot, 20 : 20 + dot] = 0
@@ -394,6 +398,7 @@ def test_specks_are_refused(tmp_path: Path, side: int, dot: int, good: bool) -> 
             read_target(path)
 
 
+@pytest.mark.slow
 def test_many_specks_are_no_shape_either(tmp_path: Path) -> None:
     grey = np.full((2000, 2000), 255, dtype=np.uint8)
     grey[10:-10:20, 10:-10:20] = 0

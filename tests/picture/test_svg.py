@@ -343,6 +343,7 @@ def test_svg_that_reaches_outside_is_refused(tmp_path: Path, kind: str) -> None:
     ],
     ids=lambda value: value[:30],
 )  # fmt: skip
+@pytest.mark.slow
 def test_svg_of_more_than_a_drawing_is_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         read(tmp_path, text)

@@ -97,6 +97,7 @@ def test_what_cannot_print_without_supports(
     assert request.preview[-1] == f"  It gets the slicer's supports: {request.why_supported}."
 
 
+@pytest.mark.slow
 def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path) -> None:
     request = prepare(square, supports="auto", print=True)
     assert request.otherwise is not None and not request.why_supported

@@ -407,6 +407,7 @@ def test_the_slope_is_that_of_finite_differences() -> None:
 
 
 @pytest.mark.parametrize(("starts", "away"), [("", (64.0, 0.0)), ("0.0 0.0", (66.0, 7.0))])
+@pytest.mark.slow
 def test_a_view_turns_to_where_the_knots_draw_its_picture(
     starts: str, away: tuple[float, float]
 ) -> None:

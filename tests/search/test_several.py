@@ -131,6 +131,7 @@ def test_two_views_end_feasible_certified_and_drawn() -> None:
     assert found.views == tuple(v.view for v in problem.views)
 
 
+@pytest.mark.slow
 def test_a_start_for_two_views_holds_the_knot_that_is_asked_for() -> None:
     problem = replace(ask_views([DISC, SQUARE], 0.0, 90.0), knot="trefoil")
     start = make_start(problem, 4.0, QUICK)

@@ -375,6 +375,7 @@ LONG = LineString([(30, 0), (330, 0)])
     ("stroke", "changes"), [(STRAIGHT, 0), (LONG, 1)], ids=["one arch", "two arches"]
 )
 @pytest.mark.parametrize("count", some([6, 20], 2))
+@pytest.mark.slow
 def test_strands_change_places_only_where_the_stroke_is_longer_than_an_arch(
     stroke: LineString, changes: int, count: int
 ) -> None:

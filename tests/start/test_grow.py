@@ -298,6 +298,7 @@ def test_a_lattice_knot_is_short_and_of_its_type(name: str) -> None:
         assert len(nodes) == 24  # none is shorter (Diao 1993)
 
 
+@pytest.mark.slow
 def test_of_several_curves_the_first_keeps_the_knot() -> None:
     problem = replace(ask_views([SQUARE, SQUARE], 0.0, 90.0), knot="trefoil")
     start = make_start(problem, 3.0, HOW, knots=3)

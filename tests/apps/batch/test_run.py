@@ -246,6 +246,7 @@ def test_batches_into_one_folder_keep_each_others_records(played: Path, tmp_path
 
 
 @pytest.mark.parametrize("damage", ["", "[null, {}, 1]", '{"a": 1}', "[" * 9999])
+@pytest.mark.slow
 def test_a_damaged_record_is_none(played: Path, tmp_path: Path, damage: str) -> None:
     pictures = draw(tmp_path / "pictures", a="pass")
     first = batch([str(pictures)], options(tmp_path))

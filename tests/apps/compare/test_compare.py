@@ -345,6 +345,7 @@ def test_a_frame_of_a_sequence_is_compared_by_its_name(folder: Path, tmp_path: P
             compare_photo(photo, walk, words(), name)
 
 
+@pytest.mark.slow
 def test_what_a_refusal_suggests_does(folder: Path, tmp_path: Path) -> None:
     """Four corners in the order that it asks for, a view that it names, a file in PNG."""
     photo = photograph(tmp_path / "photo.png")

@@ -144,6 +144,7 @@ def _apply_as_printed(layer: Coupling, points: Tensor) -> Tensor:
 
 
 @pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.slow
 def test_the_printed_inverse_is_wrong_for_order_three(order: tuple[int, ...]) -> None:
     layer, x = _layer(order), _points(50)
     y = layer(x)

@@ -64,6 +64,7 @@ def measure(tmp_path: Path, printed: bool, played: Played, **more: Any) -> list[
 
 
 @pytest.mark.parametrize("printed", some([True, False], 2))
+@pytest.mark.slow
 def test_the_front_has_what_nothing_beats(printed: bool, tmp_path: Path) -> None:
     ways = measure(tmp_path, printed, Played())
     front, sound = front_of(ways), [way for way in ways if not way.failed]
@@ -96,6 +97,7 @@ def test_every_setting_of_the_search_is_measured() -> None:
         assert MIDDLE.but(**knob) != MIDDLE  # each is one that the model takes, and another
 
 
+@pytest.mark.slow
 def test_the_same_call_builds_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

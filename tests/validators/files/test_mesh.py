@@ -194,6 +194,7 @@ def test_loose_text_stl_is_read(tmp_path: Path, change: Any, words: str) -> None
 
 
 @pytest.mark.parametrize("size_mm", [1e-3, 1e-6])
+@pytest.mark.slow
 def test_a_cloud_of_tiny_triangles_is_read_as_it_is(size_mm: float, tmp_path: Path) -> None:
     """Each corner is as near to every other as rounding would leave it: joining them would never end."""
     corners = size_mm * np.random.default_rng(0).random((20_000, 3, 3))

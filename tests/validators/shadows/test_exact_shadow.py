@@ -197,6 +197,7 @@ def test_switched_off_it_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="EGL is Linux's")
+@pytest.mark.slow
 def test_without_a_driver_it_refuses_instead_of_crashing() -> None:
     # EGL's loader is told that no vendor library exists, as on a machine without libegl1's Mesa
     environment = {**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": os.devnull}

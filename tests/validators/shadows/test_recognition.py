@@ -368,6 +368,7 @@ def test_a_stray_strand_is_coarse_and_half_a_picture_is_unknown() -> None:
     assert judge(half, target).word == UNKNOWN
 
 
+@pytest.mark.slow
 def test_a_short_stray_strand_is_coarse_too() -> None:
     """It is a twentieth of the outline, so that 95 % of that lie right; a stub of a tube's width is none."""
     target = draw(LARGE)

@@ -69,6 +69,7 @@ def test_the_gain_of_a_foreign_sign_is_its_mean_fit_to_the_others(number: int) -
 
 
 @pytest.mark.parametrize("thick", [2.0, 25.0])
+@pytest.mark.slow
 def test_what_cannot_tell_most_is_left_out_and_changes_nothing(
     monkeypatch: pytest.MonkeyPatch, thick: float
 ) -> None:

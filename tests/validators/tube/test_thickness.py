@@ -455,6 +455,7 @@ def test_a_crowd_of_vertices_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
     assert found.status == "skipped" and "crowded" in found.detail
 
 
+@pytest.mark.slow
 def test_faces_longer_than_centre_line_edges_are_the_strands() -> None:
     """A coarse tube whose line was found finely has them, as parts from elsewhere have."""
     fine, far = circle(400, 30.0), circle(400, 30.0) + [0, 0, 7.0]

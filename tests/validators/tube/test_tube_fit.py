@@ -357,6 +357,7 @@ def test_a_tube_of_varying_radius_has_a_line_and_no_radius() -> None:
     assert named(curves) == ["left-handed 3_1, proved"]
 
 
+@pytest.mark.slow
 def test_several_tubes_are_told_apart_and_linked_as_they_are() -> None:
     one = tube(SIZE * torus_knot(2, 3, 120), 6.0, 12)
     far = tube(SIZE * ring(60, 2.0) + [0.0, 0.0, 90.0], 6.0, 12)
