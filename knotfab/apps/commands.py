@@ -14,8 +14,8 @@ from knotfab.pipeline.options import (
     ALL_OUT,
     BuildOptions,
     Flag,
-    PictureOptions,
     Place,
+    PlanOptions,
     Whole,
     options_from,
     with_examples,
@@ -26,22 +26,23 @@ if TYPE_CHECKING:
     from knotfab.apps.doctor import Finding
 
 _DEFAULTS = BuildOptions()
-_READ = PictureOptions()
+_PLAN = PlanOptions()
 
 
-@with_examples("""Examples:
+@with_examples("""All options: knotfab preview --help-all
+
+Examples:
 
 ```
 knotfab preview logo.svg
-knotfab preview badge.png --ink red --width 240
+knotfab preview badge.png --ink red --plate rounded
 knotfab preview photo.jpg --ink flood --smooth 3 --out seen.png
 ```
 """)
 def preview(
     *pictures: str,
-    options: Annotated[PictureOptions, Parameter(name="*")] = _READ,
+    options: Annotated[PlanOptions, Parameter(name="*")] = _PLAN,
     out: Place = Path("knotfab-preview.png"),
-    sequence: Flag = False,
     json: Flag = False,
 ) -> int:
     """Tell what `knotfab build --print` will make of a picture, and show what the tube loses.
@@ -52,8 +53,6 @@ def preview(
         As for knotfab build.
     out
         The PNG to write: the silhouette and, in red, what the tube loses.
-    sequence
-        The pictures are frames of one motion.
     json
         Print the figures as JSON.
     """
@@ -63,7 +62,7 @@ def preview(
 
     if out.suffix.lower() != ".png":
         raise InputError(f"--out {out}", "a preview is a PNG", "Name a file in .png.")
-    asked = BuildOptions(**vars(options), sequence=sequence)
+    asked = BuildOptions(**vars(options))
     with Progress("auto") as progress:
         found = survey_pictures(pictures, asked, progress)
     import json as codec
@@ -79,7 +78,9 @@ def preview(
     return 0
 
 
-@with_examples("""Examples:
+@with_examples("""All options: knotfab batch --help-all
+
+Examples:
 
 ```
 knotfab batch logos/ --out built --print

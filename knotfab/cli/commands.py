@@ -43,7 +43,7 @@ class CallClock:
 
 @dataclass
 class BuildHelp:
-    """Prints the help of a build: those of its options that makers use, or all."""
+    """Prints the help of a command: of a build's options those that makers use, or all."""
 
     every_option: bool = False
 
@@ -296,6 +296,8 @@ def schema() -> int:
 
 
 for _command in list_commands():
-    app.command(_command, help_epilogue=_command.__dict__.get("examples"))
+    app.command(
+        _command, help_epilogue=_command.__dict__.get("examples"), help_formatter=build_help
+    )
 
 app.register_install_completion_command()

@@ -28,6 +28,8 @@ from knotfab_formats.search import SearchSettings
 _NOTHING = 0.5  # IoU below which nothing of the picture is drawn
 # IoU of a start for several views that needs no thinner tube: the search brings it some six times nearer
 _ENOUGH = 0.86
+# IoU of one view's filling from which a standard search ended faithful: five words and a bird, at two radii each
+_CLEAR = 0.958
 _WORSE = 0.03  # IoU that the start of a thinner tube may lack, which the search regains
 _THINNER = 0.75  # ratio of the next radius to the thinnest so far
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
@@ -206,7 +208,8 @@ def choose_radius(
     radii, thin = _candidates(trials)
     with ThreadPoolExecutor(_WORKERS) as pool:
         scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
-        if max(scores.values()) < span.drawn:  # the picture forbids the usual thickness
+        usual = max(scores.values())
+        if usual < (_CLEAR if trials.one_view else span.drawn):  # it forbids the usual thickness
             scores |= dict(zip(thin, pool.map(trials.score, thin), strict=True))
     scores = {r: s for r, s in scores.items() if np.isfinite(s)}
     if not scores:
@@ -222,6 +225,8 @@ def choose_radius(
         if budget is not None and trials.one_view and "radius_give" not in question.scene.search:
             give = budget.thicker(give, lambda less: trials.vertices(_thickest(scores, less)))
         well = max(scores.values()) - give
+        if span.drawn <= usual < _CLEAR:  # somewhat thinner will do
+            well = min(well, _CLEAR)
         # the thickest that draws the picture well comes first, then the others, best first
         order = sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True)
         small = trials.weigh(order[0])

@@ -87,8 +87,8 @@ READERS: dict[str, Callable[[Any], Any]] = {
 AClass = TypeVar("AClass", bound=type)
 
 
-def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], AClass]:
-    """Return a decorator that adds to a class the options that set keys of these tables (or `only` some)."""
+def _with_keys(*tables: str) -> Callable[[AClass], AClass]:
+    """Return a decorator that adds to a class the options that set keys of these tables."""
 
     def add(kind: AClass) -> AClass:
         found = {}
@@ -97,7 +97,7 @@ def _with_keys(*tables: str, only: Collection[str] = ()) -> Callable[[AClass], A
             for key in model.model_fields:
                 group, option = option_of(model, key) or ("", "")
                 name = option.removeprefix("--").replace("-", "_")
-                if not option or hasattr(kind, name) or (only and name not in only):
+                if not option or hasattr(kind, name):
                     continue
                 read = _type_of(model, key)
                 READERS[name], HELP[name] = partial(read_value, model, key), said[key]
@@ -140,11 +140,9 @@ def _type_of(model: type[BaseModel], key: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-@_with_keys("views")
-@_with_keys("piece", only=("tube_radius", "max_hours", "max_grams"))
-@_with_keys("accuracy", only=("accuracy",))
-class PictureOptions:
-    """Options for reading a picture and surveying it; None leaves a value to the scene.
+@_with_keys("views", "piece", "mount", "accuracy", "search")
+class PlanOptions:
+    """The options that say what a build makes, and so what a preview tells; None leaves a value to the scene.
 
     Options that set keys of the scene are declared with these keys (`knotfab_formats`).
     """
@@ -162,12 +160,22 @@ class PictureOptions:
     axis."""
     font: Annotated[str | None, Parameter(group=_PICTURE)] = None
     """The font of text:…: a family's name, such as "DejaVu Serif", or a font file."""
+    sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """The pictures are frames of one motion: a folder of numbered pictures, or the pictures
+    in their order. Each frame becomes a part."""
+    no_loop: Annotated[Flag, Parameter(group=_PICTURE)] = False
+    """With --sequence: the last frame need not lead back to the first."""
 
     scene: Annotated[Path | None, Parameter(group=_PIECE)] = None
     """A scene.toml. Other options set keys of the scene, and win over the file."""
     size: Annotated[float | None, Parameter(group=_PIECE, converter=_from_tokens("size"))] = None
     """The picture's longer side on the wall, in mm; 180 by default."""
+    free: Annotated[Literal["view"] | None, Parameter(group=_PIECE)] = None
+    """view: find the pose, the distances of light and wall, and the tube's radius along with the knots; with
+    several pictures the directions of their lamps. scene.toml then has them."""
 
+    print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
+    """Prepare the part for printing: orient it for the printer, and check it against the printer too."""
     printer: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A printer's name, such as prusa-mk4, or a file such as my-printer.toml; knotfab printers lists
     the names."""
@@ -175,25 +183,6 @@ class PictureOptions:
     """The nozzle's width, such as 0.6, in mm; layer, walls and the thinnest tube follow."""
     material: Annotated[str | None, Parameter(group=_PRINT)] = None
     """A material's name, such as petg, or a file."""
-
-
-@dataclass(frozen=True, kw_only=True)
-@_with_keys(*KEYS)
-class BuildOptions(PictureOptions):
-    """All options of `knotfab build`; None leaves a value to the scene."""
-
-    sequence: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """The pictures are frames of one motion: a folder of numbered pictures, or the pictures
-    in their order. Each frame becomes a part."""
-    no_loop: Annotated[Flag, Parameter(group=_PICTURE)] = False
-    """With --sequence: the last frame need not lead back to the first."""
-
-    free: Annotated[Literal["view"] | None, Parameter(group=_PIECE)] = None
-    """view: find the pose, the distances of light and wall, and the tube's radius along with the knots; with
-    several pictures the directions of their lamps. scene.toml then has them."""
-
-    print_: Annotated[Flag, Parameter(name="--print", group=_PRINT)] = False
-    """Prepare the part for printing: orient it for the printer, and check it against the printer too."""
 
     time_budget: Annotated[str | None, Parameter(group=_SEARCH)] = None
     """Time for the whole build, such as 30 (seconds), 90s, 1.5min or 1m30s; sets the iterations."""
@@ -204,6 +193,12 @@ class BuildOptions(PictureOptions):
     """Go on from these knots: the folder of a build, its knots.json, or a start.json."""
     device: Annotated[Literal["cpu", "cuda"], Parameter(group=_SEARCH)] = "cpu"
     """Where the paper's network runs (--search inn or inn+flow)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+@_with_keys("about")
+class BuildOptions(PlanOptions):
+    """All options of `knotfab build`: those of its plan, and of the folder that it writes."""
 
     out: Annotated[Place | None, Parameter(group=OUTPUT)] = None
     """The folder to write; by default knotfab-out/NAME, after the picture."""

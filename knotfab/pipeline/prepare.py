@@ -64,20 +64,8 @@ def prepare_build(
         InputError: an option, the scene or a picture is wrong.
     """
     skipped = read_skips(options.skip)
-    if options.no_loop and not options.sequence:
-        raise InputError(
-            "--no-loop", "one piece has no last frame", "Leave it out, or add --sequence."
-        )
-    budget = None if options.time_budget is None else read_seconds(options.time_budget)
     call = _read_call(pictures, options, progress)
     printing = _is_printed(options, call.scene)
-    if budget is not None:
-        require_budget(
-            budget,
-            len(call.scene.views),
-            bool(call.scene.settings.free_view),
-            len(call.targets) if options.sequence else 0,
-        )
     out = options.out or ALL_OUT / call.name
     if options.out is None and not options.force:
         _keep_other_picture(out, call.targets)
@@ -92,7 +80,7 @@ def prepare_build(
         from knotfab.design.sentence import describe
         from knotfab.design.survey import require_drawable
 
-        way, found = _survey_first(call, options.sequence, printing, choose=budget is None)
+        way, found = _survey_first(call, options.sequence, printing)
     require_drawable(found)
     scene, otherwise, why = way
     return Request(
@@ -103,7 +91,7 @@ def prepare_build(
         printing=printing,
         device=options.device,
         skip=skipped,
-        time_budget_s=budget,
+        time_budget_s=call.budget_s,
         command=command,
         colours=options.colours,
         sequence=options.sequence,
@@ -179,12 +167,28 @@ class _Call:
     told: tuple[str, ...] = ()  # what a preview adds, a sentence each
     agreed: Agreement | None = None  # of several pictures
     parted: Separation | None = None  # the masks for lamps, of a picture in colours
+    budget_s: float | None = None  # for the whole build
 
 
 def _read_call(
     pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int = 0
 ) -> _Call:
     """Read scene and pictures of a call; `glance` as for `read_target`."""
+    if options.no_loop and not options.sequence:
+        raise InputError(
+            "--no-loop", "one piece has no last frame", "Leave it out, or add --sequence."
+        )
+    budget = None if options.time_budget is None else read_seconds(options.time_budget)
+    call = _read_pieces(pictures, options, progress, glance)
+    if budget is not None:
+        free, frames = call.scene.settings.free_view, len(call.targets) * options.sequence
+        require_budget(budget, len(call.scene.views), bool(free), frames)
+    return replace(call, budget_s=budget)
+
+
+def _read_pieces(
+    pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int
+) -> _Call:
     scene, folder = read_scene(options)
     sources = _list_sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
@@ -215,15 +219,15 @@ def _read_call(
 
 
 def _survey_first(
-    call: _Call, sequence: bool, printing: bool, choose: bool = True
+    call: _Call, sequence: bool, printing: bool
 ) -> tuple[tuple[ResolvedScene, ResolvedScene | None, str], Survey]:
     """Survey a call as it is built first: its scene, the one to build after it, and why it has supports."""
     way = choose_supports(call.scene, call.targets, printing)
-    found = _survey(replace(call, scene=way[0]), sequence, printing, choose)
+    found = _survey(replace(call, scene=way[0]), sequence, printing)
     error, otherwise = found.refusal, way[1]
     if error is not None and error.what != PICTURE and otherwise is not None:
         way = otherwise, None, error.why
-        found = _survey(replace(call, scene=otherwise), sequence, printing, choose)
+        found = _survey(replace(call, scene=otherwise), sequence, printing)
     told = (f"it gets the slicer's supports: {way[2]}",) if way[2] else ()
     return way, replace(found, told=(*found.told, *told))
 
@@ -303,13 +307,13 @@ def _tell_knots(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, .
     return (f"--knots {asked}: the picture {is_}. A knot more would draw nothing",)
 
 
-def _survey(call: _Call, sequence: bool, printing: bool, choose: bool = True) -> Survey:
-    """Survey the pictures of a call; with `choose` the tube's radius is chosen too, as a build does."""
+def _survey(call: _Call, sequence: bool, printing: bool) -> Survey:
+    """Survey the pictures of a call, with the tube that a build chooses where no budget decides it."""
     from knotfab.design.survey import survey
 
     scene = call.scene.but(piece=call.scene.piece.but(printed=printing))
     lost = len(call.targets) == 1 and _is_scattered(call.targets[0], scene)
-    found = survey(scene, call.targets, sequence, choose and not lost)
+    found = survey(scene, call.targets, sequence, call.budget_s is None and not lost)
     error = found.refusal
     if lost:
         parts = f"it has {found.views[0].pieces} pieces, and another reading draws others"

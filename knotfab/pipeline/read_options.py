@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from knotfab.base.disk import at_home
-from knotfab.pipeline.options import KEYS, PictureOptions
+from knotfab.pipeline.options import KEYS, PlanOptions
 from knotfab.report.summary import CHECKS
 from knotfab_formats.bounds import option_of, values_of
 from knotfab_formats.errors import InputError
@@ -34,7 +34,7 @@ def read_skips(names: Collection[str]) -> frozenset[str]:
     return frozenset(names)
 
 
-def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
+def read_scene(options: PlanOptions) -> tuple[ResolvedScene, Path | None]:
     """Read the scene file, or take the default scene, apply the options to it, and resolve it.
 
     Returns:
@@ -82,7 +82,7 @@ def read_scene(options: PictureOptions) -> tuple[ResolvedScene, Path | None]:
     return resolve(scene), None if path is None else path.resolve().parent
 
 
-def _list_given_keys(options: PictureOptions, model: type[BaseModel]) -> dict[str, Any]:
+def _list_given_keys(options: PlanOptions, model: type[BaseModel]) -> dict[str, Any]:
     keys: dict[str, Any] = {}
     for key in model.model_fields:
         _, option = option_of(model, key) or ("", "")
@@ -92,7 +92,7 @@ def _list_given_keys(options: PictureOptions, model: type[BaseModel]) -> dict[st
     return keys
 
 
-def _frame_keys(options: PictureOptions) -> dict[str, Any]:
+def _frame_keys(options: PlanOptions) -> dict[str, Any]:
     """Return the frame's sides; if only one is given, the other follows from the picture."""
     sided = options.width is not None or options.height is not None
     if options.size is not None and sided:
@@ -122,7 +122,7 @@ def _read_switches(texts: Collection[str]) -> dict[str, Any]:
     return keys
 
 
-def _search_keys(options: PictureOptions) -> dict[str, Any]:
+def _search_keys(options: PlanOptions) -> dict[str, Any]:
     keys: dict[str, Any] = {}
     if options.start is not None:
         keys["start"] = str(at_home(options.start).absolute())

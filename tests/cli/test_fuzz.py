@@ -14,7 +14,7 @@ from command import knotfab, picture, square
 
 from knotfab.base.errors import SceneError
 from knotfab.cli.commands import app
-from knotfab.pipeline.options import BuildOptions, PictureOptions
+from knotfab.pipeline.options import BuildOptions, PlanOptions
 
 pytestmark = pytest.mark.usefixtures("copies")
 
@@ -27,7 +27,7 @@ WORDS = (
 OPTIONS = {
     "build": [f.name for f in fields(BuildOptions)] + ["events"],
     "batch": [f.name for f in fields(BuildOptions)] + ["jobs", "cluster"],
-    "preview": [f.name for f in fields(PictureOptions)] + ["out"],
+    "preview": [f.name for f in fields(PlanOptions)] + ["out"],
     "validate": ["knots", "scene", "failures", "skip"],
     "shadow": ["scene", "out", "view"],
     "compare": ["corners", "view", "out"],
