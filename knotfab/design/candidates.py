@@ -174,8 +174,6 @@ _LENGTH, _LENGTH_FLAT = 1.45, 1.12
 ARCHES, PER_GRAM = 1.46, 1.08
 # their length over that of the flat start: longer searches leave more of it, for they close what is light
 LENGTH_ARCHED = {"sketch": 1.57, "draft": 1.71, "standard": 2.0, "fine": 2.0}
-# what a piece in roots tells unlit: nine at draft .37 to .52, but for .16 and .72; at standard .31 and .73
-_TOLD_ROOTS = 0.45
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
 ROOM = 0.02
 # share of a tube's core that infill and layers fill where it is level
@@ -192,7 +190,7 @@ class Guess:
 
     Both include supports, unless the strands stand `alone`. `without` names what the guess leaves
     out because it is planned with the knots: a stand or an eyelet. The strands are `length_mm` long, and
-    unlit the piece tells a share `told` of its picture, None where builds differ too much.
+    unlit the piece tells a share `told` of its picture, None where nobody has looked.
     """
 
     mass_g: float
@@ -249,10 +247,7 @@ def guess_print(
     hours = hours_of_tube(tube, radius_mm, scene.printer) / (1.0 if alone else PER_GRAM)
     hours += hours_of_plate(plate, scene.mount.thickness_mm, scene.printer) + _HOURS_AROUND * around
     laid = share_laid(scene.printer, radius_mm) * tube + plate + supports
-    told = (
-        {"roots": _TOLD_ROOTS, "rounded": 1.0}.get(scene.mount.plate) if alone and on_wall else None
-    )
-    return Guess(float(laid * per_mm3), float(hours), without, alone, float(length), told)
+    return Guess(float(laid * per_mm3), float(hours), without, alone, float(length))
 
 
 # One price for all that a choice costs, in hours of printing (docs/prints.md).

@@ -28,7 +28,7 @@ from knotfab_formats.search import SearchSettings
 _NOTHING = 0.5  # IoU below which nothing of the picture is drawn
 # IoU of a start for several views that needs no thinner tube: the search brings it some six times nearer
 _ENOUGH = 0.86
-# IoU of one view's filling from which a standard search ended faithful: five words and a bird, at two radii each
+# IoU of one view's filling from which a search at standard ended faithful, of words and a bird
 _CLEAR = 0.958
 _WORSE = 0.03  # IoU that the start of a thinner tube may lack, which the search regains
 _THINNER = 0.75  # ratio of the next radius to the thinnest so far

@@ -19,6 +19,10 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 _SMALL = 0.6  # share of a picture's sides below which its drawing is offered alone
 _LONG_H = 48.0  # a print that takes longer is offered a smaller size
 _PLATES = {"roots": "in roots", "outline": "in a plate of its outline"}
+GUESSED_TOLD, READ_TOLD = (
+    0.25,
+    0.5,
+)  # shares told from which on a picture may be guessed, and is read
 OPEN_HOLDER = "on the holder that costs least"
 _MOUNTS = {"wall": "on pegs", "stand": "on a stand", "hang": "on threads", "none": "with no holder"}
 
@@ -151,12 +155,18 @@ def _describe_piece(found: Survey) -> str:
 
 
 def _describe_told(found: Survey) -> list[str]:
-    """Say how well the picture is read from the unlit piece; no line where builds differ too much."""
+    """Say how well the picture is read from the unlit piece; no line where nobody has looked."""
     told = found.guess.told if found.chosen and found.scene.piece.printed else None
     if told is None:
         return []
-    word = "is read" if told == 1 else "may be guessed"
-    return [f"  Unlit, its picture {word} from aside (told some {told:g})."]
+    return [f"  Unlit, its picture {word_of_told(told)} from aside (told some {told:.2g})."]
+
+
+def word_of_told(share: float) -> str:
+    """Say what happens to a picture of which a piece tells this share unlit."""
+    if share < GUESSED_TOLD:
+        return "is not read"
+    return "may be guessed" if share < READ_TOLD else "is read"
 
 
 def _describe_margin(found: Survey) -> list[str]:
@@ -245,7 +255,11 @@ def list_figures(found: Survey) -> dict[str, Any]:
         "tube_radius_mm": found.radius_mm,
         "holder": hold_of(found.scene),
         "supports": not guess.alone,
-        "guess": {"mass_g": round(guess.mass_g, 1), "hours": guess.hours, "told": guess.told},
+        "guess": {
+            "mass_g": round(guess.mass_g, 1),
+            "hours": guess.hours,
+            "told": guess.told and round(guess.told, 2),
+        },
         "refusal": None if error is None else f"{error.why}. {error.remedy}",
         "lines": describe(found),
     }

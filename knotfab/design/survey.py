@@ -29,7 +29,7 @@ from knotfab.design.hull import HullBound
 from knotfab.design.likeness import Likeness, compare_lines, estimate_likeness, recognisable_radius
 from knotfab.design.motion import find_leap
 from knotfab.design.question import Question, ask
-from knotfab.design.radius import choose_radius
+from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.settings import suit_settings
 from knotfab.design.small import SmallParts
 from knotfab.knots import read_start
@@ -38,6 +38,7 @@ from knotfab.picture.lamps import Separation
 from knotfab.picture.opening import Loss, find_losses, open_by, run_together
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import holes_of, opened_share, pieces_of, trace_polygon
+from knotfab.problem import Start
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.lift import refuse_doubled
@@ -125,16 +126,22 @@ class Survey:
     bounds: tuple[HullBound, ...] = ()  # the visual hull's, for several pictures
     told: tuple[str, ...] = ()  # what else is done to the pictures or the piece, a sentence each
     parted: Separation | None = None  # the masks of a coloured picture, which lamps mix again
+    start: Start | None = None  # where the search of one picture begins, if it was asked for
 
 
 def survey(
-    scene: ResolvedScene, targets: Sequence[Target], sequence: bool = False, choose: bool = True
+    scene: ResolvedScene,
+    targets: Sequence[Target],
+    sequence: bool = False,
+    choose: bool = True,
+    placed: bool = False,
 ) -> Survey:
     """Survey pictures with the tube radius that a build would choose.
 
     Args:
         targets: one a view, in the views' order, or the frames of a sequence.
         choose: whether to choose the radius; otherwise the thinnest is taken, and no losses are found.
+        placed: whether to place one picture's strands in depth, as a build that chooses its tube begins.
 
     Raises:
         InputError: the pictures do not fit the scene.
@@ -148,9 +155,12 @@ def survey(
     radius = scene.thinnest_mm
     template: Template | None = None
     small: SmallParts | None = None
+    start: Start | None = None
     if choose and refusal is None:
         try:
-            question, radius, template, small = _choose_tube(scene, targets)
+            question, choice = _choose_tube(scene, targets, placed or len(targets) > 1)
+            radius, template, small = choice.radius_mm, choice.template, choice.small
+            start = choice.start if len(targets) == 1 else None
             if template is not None and template.passes and scene.piece.supports == "none":
                 refusal = refuse_doubled()
             # a plate for feet moves the wall to the piece, and so frames it larger
@@ -178,7 +188,7 @@ def survey(
     if refusal is None and scene.piece.printed:
         refusal = refuse_price(guess, scene.piece, first.view.longer_mm)
     known = choose or scene.piece.tube_radius_mm is not None
-    return Survey(scene, views, radius, guess, frames, refusal, small, known)
+    return Survey(scene, views, radius, guess, frames, refusal, small, known, start=start)
 
 
 def _refuse_leap(
@@ -230,9 +240,9 @@ def _survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[View
 
 
 def _choose_tube(
-    scene: ResolvedScene, targets: Sequence[Target]
-) -> tuple[Question, float, Template | None, SmallParts | None]:
-    """Return a build's question and radius (mm), one view's template, and the small parts.
+    scene: ResolvedScene, targets: Sequence[Target], placed: bool
+) -> tuple[Question, RadiusChoice]:
+    """Return a build's question and its tube, with a start if `placed` and the scene gives no radius.
 
     Raises:
         SceneError: no tube draws the pictures.
@@ -243,12 +253,11 @@ def _choose_tube(
     if radius is None and settings.start:
         radius = read_start(Path(settings.start)).radius_mm
     if radius is None:
-        choice = choose_radius(question, settings, knots, placed=len(targets) > 1)
-        return question, choice.radius_mm, choice.template, choice.small
+        return question, choose_radius(question, settings, knots, placed=placed)
     template = None
     if len(targets) == 1:
         template = make_template(question.problem.views[0], radius, knots)
-    return question, radius, template, None
+    return question, RadiusChoice(radius, (), template)
 
 
 def _add_losses(

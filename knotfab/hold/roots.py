@@ -98,9 +98,20 @@ def suits_roots(target: Mask, mm_per_px: float) -> bool:
     """Guess whether roots join the feet of a piece that draws a silhouette (H, W), and tell little of it."""
     import shapely
 
+    roots = guess_roots(target, mm_per_px)
+    if roots is None:
+        return False
+    x, y = np.meshgrid(*(np.arange(n) * mm_per_px for n in target.shape[::-1]))
+    return tell_flat(shapely.contains_xy(roots.sheet, x, y), target) < TELLS
+
+
+def guess_roots(target: Mask, mm_per_px: float) -> Roots | None:
+    """Lay roots between feet all over a silhouette (H, W), mm right of and below its corner; None: no way."""
+    import shapely
+
     dark = shapely.affinity.scale(trace_polygon(target), mm_per_px, mm_per_px, origin=(0, 0))
     if dark.is_empty:  # a pixel or two
-        return False
+        return None
     x0, y0, x1, y1 = dark.bounds
     x, y = np.meshgrid(np.arange(x0, x1, 3 * _CELL_MM), np.arange(y0, y1, 3 * _CELL_MM))
     within = shapely.contains_xy(dark, x, y)
@@ -113,11 +124,9 @@ def suits_roots(target: Mask, mm_per_px: float) -> bool:
     prints = shapely.union_all(shapely.points(np.array(feet))).buffer(2 * CORE_MM)
     most = MOST_OUTSIDE * mm_per_px**2 * target.size
     try:
-        roots = lay_roots(dark, np.array(feet), prints, 4.0, WIDTH_MM, most)
+        return lay_roots(dark, np.array(feet), prints, 4.0, WIDTH_MM, most)
     except NoWayError:
-        return False
-    x, y = np.meshgrid(*(np.arange(n) * mm_per_px for n in target.shape[::-1]))
-    return tell_flat(shapely.contains_xy(roots.sheet, x, y), target) < TELLS
+        return None
 
 
 def _place_holes(dark: Geometry, prints: Geometry, hole_mm: float, rise: float) -> Array:

@@ -26,7 +26,7 @@ _NOISE = 8.0
 _WHITE_TOO = ", and the white is drawn as dark as the rest"  # what lies on white paper unseen
 # upper bounds of hues, degrees, and their names
 _HUES: tuple[tuple[int, str], ...] = (
-    *((15, "red"), (45, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
+    *((15, "red"), (40, "orange"), (68, "yellow"), (165, "green"), (195, "turquoise")),
     *((255, "blue"), (290, "purple"), (345, "pink"), (361, "red")),
 )
 
@@ -300,7 +300,8 @@ def _word_of(colour: Array) -> str:
     if value < 0.15 or saturation < 0.15:
         return "black" if value < 0.2 else "white" if value > 0.85 else "grey"
     tone = "pale " if saturation < 0.45 else "dark " if value < 0.5 else ""
-    return tone + next(name for below, name in _HUES if 360 * hue < below)
+    name = next(name for below, name in _HUES if 360 * hue < below)
+    return "brown" if name == "orange" and value < 0.65 and saturation >= 0.45 else tone + name
 
 
 def _name(middle: Array, colours: Levels) -> str:

@@ -217,13 +217,15 @@ def tell_unlike_preview(
             )
     if not other:
         return []
+    length = sum(knot.length_mm for knot in report.knots)
+    long = f"its strands are {length:.0f} mm long, where {promise.length_mm:.0f} mm are usual"
     if print_.supports is not None and print_.supports.way == "slicer":
         why = print_.supports.why
     else:
         why = "; ".join(dict.fromkeys(one.why_next for one in report.attempts if one.why_next))
-    length = sum(knot.length_mm for knot in report.knots)
-    why = why or f"its strands are {length:.0f} mm long, where {promise.length_mm:.0f} mm are usual"
-    return [f"the piece is not as the preview said: {', '.join(other)}; {why}"]
+        if abs(length / promise.length_mm - 1) > SAME_TUBE:
+            why = f"{long}{why and ', since '}{why}"
+    return [f"the piece is not as the preview said: {', '.join(other)}; {why or long}"]
 
 
 def finish_build(

@@ -152,7 +152,11 @@ def survey_pictures(
     progress = progress or Progress("quiet")
     call = _read_call(pictures, options, progress, glance=GLANCE)
     with progress.stage("preview"):
-        return _survey_first(call, options.sequence, True)[1]
+        found = _survey_first(call, options.sequence, True, placed=True)[1]
+        # imported only now, as above
+        from knotfab.pipeline.unlit import guess_told
+
+        return replace(found, guess=replace(found.guess, told=guess_told(found)))
 
 
 @dataclass(frozen=True)
@@ -219,15 +223,15 @@ def _read_pieces(
 
 
 def _survey_first(
-    call: _Call, sequence: bool, printing: bool
+    call: _Call, sequence: bool, printing: bool, placed: bool = False
 ) -> tuple[tuple[ResolvedScene, ResolvedScene | None, str], Survey]:
     """Survey a call as it is built first: its scene, the one to build after it, and why it has supports."""
     way = choose_supports(call.scene, call.targets, printing)
-    found = _survey(replace(call, scene=way[0]), sequence, printing)
+    found = _survey(replace(call, scene=way[0]), sequence, printing, placed)
     error, otherwise = found.refusal, way[1]
     if error is not None and error.what != PICTURE and otherwise is not None:
         way = otherwise, None, error.why
-        found = _survey(replace(call, scene=otherwise), sequence, printing)
+        found = _survey(replace(call, scene=otherwise), sequence, printing, placed)
     told = (f"it gets the slicer's supports: {way[2]}",) if way[2] else ()
     return way, replace(found, told=(*found.told, *told))
 
@@ -307,13 +311,13 @@ def _tell_knots(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, .
     return (f"--knots {asked}: the picture {is_}. A knot more would draw nothing",)
 
 
-def _survey(call: _Call, sequence: bool, printing: bool) -> Survey:
+def _survey(call: _Call, sequence: bool, printing: bool, placed: bool = False) -> Survey:
     """Survey the pictures of a call, with the tube that a build chooses where no budget decides it."""
     from knotfab.design.survey import survey
 
     scene = call.scene.but(piece=call.scene.piece.but(printed=printing))
     lost = len(call.targets) == 1 and _is_scattered(call.targets[0], scene)
-    found = survey(scene, call.targets, sequence, call.budget_s is None and not lost)
+    found = survey(scene, call.targets, sequence, call.budget_s is None and not lost, placed)
     error = found.refusal
     if lost:
         parts = f"it has {found.views[0].pieces} pieces, and another reading draws others"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from knotfab.design.sentence import GUESSED_TOLD, word_of_told
 from knotfab.knots import count_in_words
 from knotfab.report.effects import tell_move
 from knotfab.report.summary import tell_share, told_iou
@@ -11,7 +12,6 @@ from knotfab_formats.report import Report, Row
 from knotfab_formats.verdict import list_unmet
 
 # shares told from which a picture may be guessed, and is read, by whoever sees the piece unlit
-_GUESSED, _READ = 0.25, 0.5
 # how to ask for another way, and what it is like
 _WAYS = {
     "rounded": ("--plate rounded", "in a rounded plate, which is its screen,"),
@@ -107,7 +107,6 @@ def _list_aside(report: Report) -> Iterator[Row]:
         return
     found = max(told, key=lambda one: one.worst.share)
     share, mount = found.worst.share, report.print.mount
-    word = "is not read" if share < _GUESSED else "may be guessed" if share < _READ else "is read"
     way = f"{abs(found.worst.azimuth):.0f}° aside"
     if found.worst.elevation:
         way = (
@@ -115,15 +114,15 @@ def _list_aside(report: Report) -> Iterator[Row]:
         )
     of = "" if found.of == "whole" else f" in its {found.of}"
     board = mount is not None and mount.plate == "outline"
-    remedy = "--plate rounded" if board and share >= _GUESSED else ""
+    remedy = "--plate rounded" if board and share >= GUESSED_TOLD else ""
     yield Row(
         name="aside",
         value=share,
-        limit=_GUESSED,
+        limit=GUESSED_TOLD,
         where=way,
         remedy=remedy,
-        text=f"unlit, its picture {word} from {way}{of} (told {share:.2f}; from the door {found.door:.2f})"
-        + (f"; {remedy} hides its outline" if remedy else ""),
+        text=f"unlit, its picture {word_of_told(share)} from {way}{of} (told {share:.2f}; "
+        f"from the door {found.door:.2f})" + (f"; {remedy} hides its outline" if remedy else ""),
     )
 
 

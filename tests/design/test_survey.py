@@ -20,7 +20,7 @@ from knotfab.base.progress import Progress
 from knotfab.cli.commands import app
 from knotfab.design import radius
 from knotfab.design import survey as surveying
-from knotfab.design.candidates import Guess, guess_print
+from knotfab.design.candidates import Guess, guess_print, usual_radii
 from knotfab.design.design import choose_tube
 from knotfab.design.frames import frame_view, widen_targets
 from knotfab.design.question import Question, ask
@@ -365,6 +365,23 @@ def test_the_radius_is_that_of_the_build(name: str) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("name", "thinner"), [("text:Hello", True), ("text:LOVE", True), ("examples/cat.png", False)]
+)
+def test_a_word_is_drawn_by_the_thickest_tube_that_draws_it_clearly(
+    name: str, thinner: bool
+) -> None:
+    """The usual ones drew its letters bold and with knobs."""
+    question = ask(resolve(Scene()), [read_target(name)])
+    choice = radius.choose_radius(question, search_settings("standard", {}), placed=False)
+    score = {trial.radius_mm: trial.template_iou for trial in choice.trials}
+    (usual, *_), _ = usual_radii(question.views, THINNEST_MM, 2)
+    assert (choice.radius_mm < usual) == thinner == (max(score.values()) > score[usual])
+    assert score[choice.radius_mm] >= radius._CLEAR
+    if thinner:
+        assert all(score[r] < radius._CLEAR for r in score if r > choice.radius_mm)
+
+
 def test_a_build_to_print_says_and_refuses_what_a_preview_says(tmp_path: Path) -> None:
     noise = np.random.default_rng(1).integers(0, 2, (224, 224)).astype(np.uint8) * 255
     Image.fromarray(noise).save(tmp_path / "noise.png")
@@ -376,7 +393,9 @@ def test_a_build_to_print_says_and_refuses_what_a_preview_says(tmp_path: Path) -
         said = tuple(describe(found))
         assert (found.refusal is not None) == refused == ("would refuse" in said[-1])
         if found.refusal is None:
-            assert prepare_build([path], options, "", Progress("quiet")).preview == said
+            built = prepare_build([path], options, "", Progress("quiet")).preview
+            # what it tells unlit, its report measures
+            assert built == tuple(line for line in said if "Unlit, " not in line)
             continue
         with pytest.raises(SceneError) as caught:
             prepare_build([path], options, "", Progress("quiet"))

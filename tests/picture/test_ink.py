@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image, ImageDraw, ImageFilter
+from PIL import Image, ImageColor, ImageDraw, ImageFilter
 
 from knotfab.base.arrays import Mask
+from knotfab.picture.ink import _word_of
 from knotfab.picture.raster import encode_mask, own_box
 from knotfab.picture.read import Target, read_target
 from knotfab.picture.silhouette import drop_specks, holes_of, keep_largest, pieces_of
@@ -285,6 +286,14 @@ def test_what_is_opaque_and_of_several_colours_is_said_to_be(tmp_path: Path) -> 
     rule = target.rule
     assert '; its colours are orange (#e46400, 54%) and red (#cc0000, 46%): --ink "#e46400"' in rule
     assert "draws the orange alone" in rule and "white" not in rule
+
+
+@pytest.mark.parametrize(
+    ("colour", "word"),
+    [("#8c4414", "brown"), ("#ffac00", "yellow"), ("#ffa500", "orange"), ("#e46400", "orange")],
+)
+def test_a_colour_is_called_as_people_call_it(colour: str, word: str) -> None:
+    assert _word_of(np.array(ImageColor.getrgb(colour), dtype=float)) == word
 
 
 def test_white_in_a_drawing_without_a_ground_is_said_to_be_drawn(tmp_path: Path) -> None:

@@ -388,7 +388,7 @@ def test_the_first_line_says_what_is_not_as_the_preview_told_and_why(
     if told is not None:
         assert told in longer[0] == list_rows(built)[0].text.removesuffix(".")
         assert "3912 mm long, where 3000 mm are usual" in longer[0]
-        assert told in swaying[0] and swaying[0].endswith("; a leg sways")
+        assert told in swaying[0] and swaying[0].endswith("are usual, since a leg sways")
 
 
 @dataclass(frozen=True)
