@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import atexit
-import itertools
 import os
 import signal
 from collections.abc import Collection, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
-from contextvars import ContextVar, copy_context
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -27,62 +26,33 @@ _MODULE = "knotfab_validators.service"
 # a context variable, so that builds on several threads have their own
 _open: ContextVar[_Validators | None] = ContextVar("validators", default=None)
 _idle: list[_Validators] = []  # at most one, kept for the next build of this process
-_count = itertools.count()
 
 
 class _Validators:
     """The processes that verify `jobs` pieces in parallel.
 
-    On several cores a piece has two: one measures its geometry, the other its shadows.
-
     Args:
-        graphics: whether shadows are rendered, so that OpenGL is loaded early.
+        graphics: whether shadows are rendered, so that VTK is loaded early.
     """
 
     def __init__(self, graphics: bool, jobs: int) -> None:
         self.kind = graphics, jobs, _surroundings()
         self.jobs = jobs
         drawn = ("graphics",) if graphics else ()
-        if count_jobs() > 1:
-            own = ("shadows", *drawn)
-            self._shadows: Workers | None = Workers(_MODULE, *own, jobs=jobs)
-            self._whole = Workers(_MODULE, "geometry", jobs=jobs)
-        else:
-            self._shadows = None
-            self._whole = Workers(_MODULE, "geometry", "shadows", *drawn, jobs=jobs)
-        self._threads = ThreadPoolExecutor(jobs)
+        self._workers = Workers(_MODULE, "geometry", "shadows", *drawn, jobs=jobs)
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
         """Submit a piece; the future holds the validators' answer."""
-        own = {**request, "piece": f"{next(_count)}"}
-        return self._threads.submit(copy_context().run, self._verify, own)
-
-    def _verify(self, request: dict[str, Any]) -> dict[str, Any]:
-        part, scene, knots = (request[name] for name in ("part", "scene", "knots"))
-        # without files both load their half
-        halved = bool(part and scene) or not (part or scene or knots)
-        if self._shadows is None or not halved:
-            return _answer(self._whole, request)
-        shadows, geometry = (
-            workers.submit(_answer, workers, {**request, "failures": None, "only": half})
-            for workers, half in ((self._shadows, "shadows"), (self._whole, "geometry"))
-        )
-        found = [geometry.result(), shadows.result()]
-        for answer in found:
-            if "error" in answer:
-                return answer
-        return _answer(self._whole, {**request, "found": found})
+        asked = {**request, "beside": count_jobs() > 1}
+        return self._workers.submit(_answer, self._workers, asked)
 
     @property
     def idle(self) -> bool:
         """Whether all requests have been answered."""
-        return all(workers is None or workers.idle for workers in (self._whole, self._shadows))
+        return self._workers.idle
 
     def end(self) -> None:
-        self._threads.shutdown(wait=False, cancel_futures=True)
-        for workers in (self._whole, self._shadows):
-            if workers is not None:
-                workers.__exit__()
+        self._workers.__exit__()
 
 
 def _answer(workers: Workers, request: dict[str, Any]) -> dict[str, Any]:

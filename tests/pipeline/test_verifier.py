@@ -17,20 +17,16 @@ from knotfab.base.errors import MachineError
 from knotfab.base.pool import Crash
 from knotfab.pipeline import verifier
 from knotfab.pipeline.verifier import Answer, Files, Verifier, list_unread, load_early
-from knotfab_formats.errors import InputError, plain
+from knotfab_formats.errors import plain
 
 # It answers with its own number and the file that it was asked about.
 ECHO = """
 import os
 def answer(request, told):
-    seconds = {request.get("only") or "all": os.getpid()}
-    for half in request.get("found", []):
-        seconds |= half["seconds"]
+    seconds = {"all": os.getpid()}
     if request["part"].endswith("killed") and not os.path.exists("killed-once"):
         open("killed-once", "w").close()
         os.kill(os.getpid(), 9)
-    if request["part"].endswith("bad") and request.get("only") == "shadows":
-        return {"error": "part.bad: it is no mesh"}
     told = {"status": "pass", "exit_code": 0, "size_mm": None, "notes": [], "checks": [], "views": []}
     return {**told, "conclusion": request["part"], "colours": None, "picture": None, "seconds": seconds}
 """
@@ -94,7 +90,7 @@ def test_validators_stay_for_the_next_build_where_asked(echo: None) -> None:
 
 def test_kept_validators_that_died_are_replaced(echo: None) -> None:
     first, _ = ask()
-    (process,) = verifier._idle[0]._whole.processes
+    (process,) = verifier._idle[0]._workers.processes
     process.kill()
     process.wait()
     second, _ = ask()
@@ -141,27 +137,12 @@ def test_a_fork_leaves_its_parents_validators_alone(echo: None) -> None:
     assert os.waitpid(pid, 0)[1] == 0 and ask()[0] == kept
 
 
-def test_where_there_are_cores_two_processes_share_a_piece(
-    echo: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A file that either process cannot read is told."""
-    monkeypatch.setenv("KNOTFAB_JOBS", "2")
-    with Verifier() as validators:
-        found = validators.submit(Files(Path("p.stl"), scene=Path("scene.toml"))).result()
-        alone = validators.submit(Files(Path("p.stl"))).result()
-        with pytest.raises(InputError, match=r"part\.bad: it is no mesh"):
-            validators.submit(Files(Path("p.bad"), scene=Path("scene.toml"))).result()
-    seconds = found.seconds
-    assert set(seconds) == {"all", "geometry", "shadows"} and set(alone.seconds) == {"all"}
-    assert seconds["geometry"] == seconds["all"] != seconds["shadows"]
-
-
 def test_validators_that_did_not_answer_are_not_kept(echo: None) -> None:
     with load_early(keep=True), Verifier() as validators:
         validators.submit(Files(Path("part.stl"))).result()
         held = validators._validators
-        held._whole._free.get()  # as one that still answers
-    assert not verifier._idle and held._whole.ended.is_set()
+        held._workers._free.get()  # as one that still answers
+    assert not verifier._idle and held._workers.ended.is_set()
 
 
 def test_a_verification_that_does_not_end_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -244,7 +244,7 @@ def test_a_check_is_plain_data() -> None:
     assert not skip_check("x", "nothing to measure").required
 
 
-# What the worker of the validators answers: verdicts, whole or of two halves.
+# What the worker of the validators answers: verdicts.
 
 
 EMPTY = {k: None for k in ("part", "knots", "scene", "pictures_dir", "failures")} | {"skip": []}
@@ -268,9 +268,7 @@ def test_verdicts_are_validates_and_a_bad_file_is_one_sentence(
     (tmp_path / "part.stl").write_bytes(b"no mesh")
     files = [{"knots": str(tmp_path / f"{status}.json")} for status, *_ in asked]
     files += [{"part": str(tmp_path / "part.stl")}, {"knots": str(tmp_path / "absent.json")}]
-    *found, part, absent = (
-        validators.answer({**EMPTY, **named, "piece": f"{k}"}) for k, named in enumerate(files)
-    )
+    *found, part, absent = (validators.answer({**EMPTY, **named}) for named in files)
     for (status, code, _), verdict in zip(asked, found, strict=True):
         assert (verdict["status"], verdict["exit_code"]) == (status, code)
         here = json.loads(json.dumps(validate(None, tmp_path / f"{status}.json").to_dict()))

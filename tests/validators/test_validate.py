@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Literal, NoReturn
 
 import numpy as np
 import pytest
@@ -14,21 +19,23 @@ from PIL import Image
 from validator_parts import Array, PlainView, circle, needs_rendering, trefoil, tube
 
 from knotfab.picture.raster import encode_mask
-from knotfab_formats.errors import plain, read_as
+from knotfab_formats.libraries import list_parts, recording, took_part
 from knotfab_formats.verdict import KNOTS, Verdict
 from knotfab_validators.check import BadFile, skip_check
 from knotfab_validators.files.mesh import read_mesh
 from knotfab_validators.files.scene import read_knots
+from knotfab_validators.service import run_beside
 from knotfab_validators.shadows import part_shadows
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
-from knotfab_validators.validate import conclude_piece, read_piece, validate
+from knotfab_validators.validate import conclude_piece, measure_piece, read_piece, validate
 from tests.corpus.files import encode
 from tests.corpus.parts import Body
 
 pytestmark = pytest.mark.slow  # each draws and measures a whole part
 
 PIXELS = (900, 780)
+HALVES: tuple[Literal["geometry"], Literal["shadows"]] = "geometry", "shadows"
 VIEW = PlainView(frame_width_mm=150.0, frame_height_mm=130.0, wall_tilt_deg=15.0, azimuth_deg=30.0)
 RADIUS = 3.0
 OFF = 'penumbra = "off"\nmisplacement = "off"\n'
@@ -215,26 +222,55 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     assert found == ([("measured", "")] if asked else left)
 
 
-# a build's validators are two such processes, and test_build has `validate` agree with them
+# a build's validators measure two such halves, and test_build has `validate` agree with them
 @pytest.mark.study
 def test_two_halves_are_the_whole(right: Path, tmp_path: Path) -> None:
-    """Two processes measure them and exchange JSON; a failure of either is drawn."""
+    """A failure of either is drawn."""
     skip = ("shadow-render", "clearance", *KNOTS)
     whole = run(right, skip=skip)
     piece = read_piece(*(right / name for name in ("part.stl", "knots.json", "scene.toml")))
-    halves = [run(right, skip=skip, only=only) for only in ("geometry", "shadows")]
-    told = [read_as(Verdict, json.loads(json.dumps(plain(half)))) for half in halves]
-    shared = conclude_piece(piece, told, tmp_path / "failed.png")
+    halves = run_beside(*(partial(measure_piece, piece, skip, None, half) for half in HALVES))
+    shared = conclude_piece(piece, halves, tmp_path / "failed.png")
     assert shared.to_dict() == {**whole.to_dict(), "picture": shared.picture}
     assert shared.exit_code == whole.exit_code == 0 and not shared.picture
     assert whole.seconds.keys() <= shared.seconds.keys()
-    for half in told:
-        worse = replace(half, checks=(replace(half.checks[0], status="fail", required=True),))
-        other = told[0 if half is told[1] else 1]
+    for half, other in (halves, halves[::-1]):
+        worse = replace(half, checks=[replace(half.checks[0], status="fail", required=True)])
         failed = conclude_piece(piece, [worse, other], tmp_path / "failed.png")
         assert (failed.status, failed.exit_code) == ("fail", 1)
         assert (tmp_path / "failed.png").is_file()
         (tmp_path / "failed.png").unlink()
+
+
+def refuse(name: str) -> NoReturn:
+    raise BadFile(name)
+
+
+def tell(name: str) -> str:
+    took_part(name, "was here")
+    return name
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_work_in_a_copy_is_as_good_as_here(beside: bool) -> None:
+    with recording():
+        assert run_beside(partial(tell, "numpy"), partial(tell, "scipy"), beside) == (
+            "numpy",
+            "scipy",
+        )
+        assert list_parts() == {"numpy": "was here", "scipy": "was here"}
+    for calls in ((tell, refuse), (refuse, tell), (refuse, refuse)):
+        with pytest.raises(BadFile):
+            run_beside(*(partial(call, "it") for call in calls), beside)
+    with pytest.raises(ChildProcessError):  # no copy is left
+        os.waitpid(-1, os.WNOHANG)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="no copies are made elsewhere")
+@pytest.mark.parametrize(("ends", "code"), [("os.kill(os.getpid(), 11)", -11), ("os._exit(7)", 7)])
+def test_a_copy_that_crashes_ends_its_process_alike(ends: str, code: int) -> None:
+    call = f"import os; from knotfab_validators.service import run_beside\nrun_beside(int, lambda: {ends})"
+    assert subprocess.run([sys.executable, "-c", call]).returncode == code
 
 
 FACING = PlainView(frame_width_mm=120.0, frame_height_mm=120.0)

@@ -5,10 +5,8 @@ graphics library that crashes takes only this process with it. A request without
 all is loaded, and compiled loops are cached for other processes.
 
 Request: {"part", "knots", "scene", "pictures_dir", "failures": path or null, "skip": [name, …],
-"unit": that of a part whose file knows none ("mm"), "piece": a unique name of these files, which
-are read once}. No more is spent on it than `limits.MEASURING`. If two processes share a piece, each is
-asked for a half, "only": "geometry" or "shadows"; one is then asked to conclude from what both "found":
-[answer, answer]. Answer:
+"unit": that of a part whose file knows none ("mm"), "beside": whether the shadows are measured beside
+the geometry, in a copy of this process (Linux)}. No more is spent on it than `limits.MEASURING`. Answer:
 {"status", "exit_code", "conclusion", "size_mm", "notes", "checks", "views", "picture", "seconds"},
 or {"error": sentence} for bad files.
 """
@@ -16,28 +14,34 @@ or {"error": sentence} for bad files.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import importlib
 import os
-from collections.abc import Iterator
-from functools import lru_cache
+import pickle
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from knotfab_formats.errors import plain, read_as
+from knotfab_formats.errors import plain
+from knotfab_formats.libraries import add_parts, recording
 from knotfab_formats.limits import MEASURING, limit_process
-from knotfab_formats.verdict import Verdict
 
 if TYPE_CHECKING:
     from knotfab_validators.geometry.mesh import Mesh
     from knotfab_validators.shadows.view import ViewGeometry
-    from knotfab_validators.validate import Piece
 
+_S = TypeVar("_S")
+_T = TypeVar("_T")
 GEOMETRY = ("knotfab_validators.part_checks", "igl", "pymeshlab", "scipy.sparse.csgraph")
 SHADOWS = ("knotfab_validators.shadows.part_shadows", "scipy.ndimage")
 
 
 def prepare(*parts: str) -> Iterator[None]:
-    """Load what the checks need, step by step: libraries, compiled loops, VTK and its OpenGL.
+    """Load what the checks need, step by step: libraries, compiled loops, VTK.
 
     Args:
         parts: any of "geometry", "shadows", "graphics", "layers" (of a part that prints without supports).
@@ -61,7 +65,7 @@ def prepare(*parts: str) -> Iterator[None]:
         _cast_shadows()
         yield
     if "graphics" in parts:
-        _draw()
+        _load_graphics()
 
 
 def _triangle() -> Mesh:
@@ -129,46 +133,87 @@ def _cast_shadows() -> None:
     fit_picture(np.eye(2), np.eye(2), 1, 1)
 
 
-def _draw() -> None:
-    from knotfab_validators.shadows.render import SilhouetteRenderer, why_no_rendering
+def _load_graphics() -> None:
+    """Load VTK, but open no window: a copy of this process could not draw by its OpenGL."""
+    from knotfab_validators.shadows.render import why_no_rendering
 
-    if why_no_rendering() is None:
-        mesh = _triangle()
-        with SilhouetteRenderer(mesh.vertices, mesh.faces) as renderer:
-            renderer.render(_view())
+    if run_beside(lambda: None, why_no_rendering)[1] is None:
+        importlib.import_module("pyvista.plotting")
 
 
-@lru_cache(maxsize=1)
-def _read(piece: str, part: str | None, knots: str | None, scene: str | None, unit: str) -> Piece:
-    """Read the files of a piece; its unique name lets the last one be reused."""
-    from knotfab_validators.validate import read_piece
+def run_beside(
+    here: Callable[[], _T], there: Callable[[], _S], beside: bool = True
+) -> tuple[_T, _S]:
+    """Return what two calls return; the second is made in a copy of this process, if `beside`, on Linux.
 
-    del piece
-    return read_piece(part, knots, scene, unit)
+    A copy that crashes takes this process with it.
+    """
+    if not beside or sys.platform != "linux":
+        return here(), there()
+    ours, theirs = os.pipe()
+    copy = os.fork()
+    if copy == 0:
+        _work_as_copy(there, theirs)
+    os.close(theirs)
+    try:
+        found = here()
+    finally:
+        with open(ours, "rb") as pipe:
+            sent = pipe.read()
+        code = os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1])
+    if code < 0:
+        os.kill(os.getpid(), -code)
+    if code:
+        os._exit(code)
+    error, other, parts = pickle.loads(sent)  # of this program's own copy
+    add_parts(parts)
+    if error is not None:
+        raise error
+    return found, other
+
+
+def _work_as_copy(work: Callable[[], object], theirs: int) -> None:
+    code, error, found = 1, None, None
+    try:
+        ctypes.CDLL(None).prctl(1, int(signal.SIGTERM))  # it goes with its parent
+        with recording() as parts:
+            try:
+                found = work()
+            except Exception as failed:
+                error = failed
+        with open(theirs, "wb") as pipe:
+            pickle.dump((error, found, parts), pipe)
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)  # no tidying up of what is the parent's
 
 
 def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     """Answer a request with the verdict on its files."""
     from knotfab_validators.check import BadFile
     from knotfab_validators.files.picture import PictureError
-    from knotfab_validators.validate import Found, conclude_piece, measure_piece
+    from knotfab_validators.validate import conclude_piece, measure_piece, read_piece
 
     del told
-    seconds, gigabytes = MEASURING
-    limit_process(seconds * (os.cpu_count() or 1), gigabytes)
+    spend_s, gigabytes = MEASURING
+    limit_process(spend_s * (os.cpu_count() or 1), gigabytes)
     part, knots, scene = (request[name] for name in ("part", "knots", "scene"))
-    if part is None and knots is None and "found" not in request:
-        only = request.get("only")
-        for half in ("geometry", "shadows") if only is None else (only,):
-            for _ in prepare(half, *(("layers",) if half == "geometry" else ())):
-                pass
+    beside = request.get("beside", False)
+    if part is None and knots is None:
+        geometry, shadows = prepare("geometry", "layers"), prepare("shadows")
+        run_beside(lambda: [*geometry], lambda: [*shadows], beside)
     try:
-        piece = _read(request["piece"], part, knots, scene, request.get("unit", "mm"))
-        found: list[Found | Verdict] = [read_as(Verdict, half) for half in request.get("found", ())]
-        found = found or [
-            measure_piece(piece, request["skip"], request["pictures_dir"], request.get("only"))
-        ]
-        verdict = conclude_piece(piece, found, request["failures"])
+        piece = read_piece(part, knots, scene, request.get("unit", "mm"))
+        measure = partial(measure_piece, piece, request["skip"], request["pictures_dir"])
+        halves = run_beside(
+            partial(measure, "geometry"),
+            partial(measure, "shadows"),
+            beside and bool(part and scene),
+        )
+        verdict = conclude_piece(piece, halves, request["failures"])
     except (BadFile, PictureError) as error:
         return {"error": str(error)}
     except MemoryError:

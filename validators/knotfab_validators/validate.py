@@ -146,7 +146,7 @@ def measure_piece(
     asked, mesh, setting = skip, piece.mesh, piece.setting
     if setting is not None and setting.unprinted:
         skip = {*skip, *PRINTER}
-    # each half is measured in a process of its own, which loads no more than that
+    # halves may be measured in processes of their own, which load no more than that
     if only != "shadows":
         from knotfab_validators.part_checks import part_checks
 
@@ -166,14 +166,9 @@ def measure_piece(
 
 
 def conclude_piece(
-    piece: Piece, halves: Sequence[Found | Verdict], failures: FilePath | None = None
+    piece: Piece, halves: Sequence[Found], failures: FilePath | None = None
 ) -> Verdict:
-    """Draw the verdict from a piece's checks, measured together or as halves by other processes.
-
-    Args:
-        halves: what `measure_piece` found, or the verdicts of other processes.
-        failures: as for `validate`.
-    """
+    """Draw the verdict from what was measured, whole or in halves; `failures` is as for `validate`."""
     checks = [check for half in halves for check in half.checks]
     seconds = {stage: spent for half in halves for stage, spent in half.seconds.items()}
     drawn = False
