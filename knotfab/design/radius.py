@@ -28,7 +28,8 @@ from knotfab_formats.search import SearchSettings
 _NOTHING = 0.5  # IoU below which nothing of the picture is drawn
 # IoU of a start for several views that needs no thinner tube: the search brings it some six times nearer
 _ENOUGH = 0.86
-# IoU of one view's filling from which a search at standard ended faithful, of words and a bird
+# IoU of a filling of several pieces, such as letters, from which a search at standard ended faithful: the loop
+# of a letter is no narrower than two tubes, and thicker ones draw it bold, with knobs
 _CLEAR = 0.958
 _WORSE = 0.03  # IoU that the start of a thinner tube may lack, which the search regains
 _THINNER = 0.75  # ratio of the next radius to the thinnest so far
@@ -209,7 +210,9 @@ def choose_radius(
     with ThreadPoolExecutor(_WORKERS) as pool:
         scores = dict(zip(radii, pool.map(trials.score, radii), strict=True))
         usual = max(scores.values())
-        if usual < (_CLEAR if trials.one_view else span.drawn):  # it forbids the usual thickness
+        parted = trials.one_view and len(question.problem.views[0].polygon.geoms) > 1
+        clear = _CLEAR if parted else span.drawn
+        if usual < clear:  # the picture forbids the usual thickness
             scores |= dict(zip(thin, pool.map(trials.score, thin), strict=True))
     scores = {r: s for r, s in scores.items() if np.isfinite(s)}
     if not scores:
@@ -225,8 +228,8 @@ def choose_radius(
         if budget is not None and trials.one_view and "radius_give" not in question.scene.search:
             give = budget.thicker(give, lambda less: trials.vertices(_thickest(scores, less)))
         well = max(scores.values()) - give
-        if span.drawn <= usual < _CLEAR:  # somewhat thinner will do
-            well = min(well, _CLEAR)
+        if span.drawn <= usual < clear:  # somewhat thinner will do
+            well = min(well, clear)
         # the thickest that draws the picture well comes first, then the others, best first
         order = sorted(scores, key=lambda r: (min(scores[r], well), r), reverse=True)
         small = trials.weigh(order[0])
