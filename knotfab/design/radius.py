@@ -28,8 +28,8 @@ from knotfab_formats.search import SearchSettings
 _NOTHING = 0.5  # IoU below which nothing of the picture is drawn
 # IoU of a start for several views that needs no thinner tube: the search brings it some six times nearer
 _ENOUGH = 0.86
-# IoU of a filling of several pieces, such as letters, from which a search at standard ended faithful: the loop
-# of a letter is no narrower than two tubes, and thicker ones draw it bold, with knobs
+# IoU of a filling of several pieces, such as letters, from which a search at standard ended faithful: a loop
+# is no narrower than two tubes, and thicker ones draw a letter bold, with knobs
 _CLEAR = 0.958
 _WORSE = 0.03  # IoU that the start of a thinner tube may lack, which the search regains
 _THINNER = 0.75  # ratio of the next radius to the thinnest so far
