@@ -235,29 +235,29 @@ def clean_body(body: Mesh) -> Mesh:
     Args:
         body: a closed mesh in print coordinates.
     """
-    solid = as_manifold(body)
     rounded = body
     for tolerance in TOLERANCES_MM:
         # the second time, what is rounded already: that finds the slivers that rounding turned over
         for _ in range(2):
-            vertices, faces = as_mesh(solid.simplify(tolerance))
+            vertices, faces = as_mesh(as_manifold(rounded).simplify(tolerance))
             rounded = vertices.astype(np.float32).astype(np.float64), faces
             if _is_clean(rounded):
                 return rounded
-            solid = as_manifold(rounded)
-        joined = _join_corners(rounded, 2 * tolerance)
-        if _is_clean(joined) and not as_manifold(joined).is_empty():
-            return joined
+        for find in (_cross_slivers, _find_crossing):  # all faces take half a second
+            if len(pairs := find(*rounded)):
+                joined = _join_corners(rounded, pairs, 2 * tolerance)
+                if _is_clean(joined) and not as_manifold(joined).is_empty():
+                    return joined
     return rounded
 
 
-def _join_corners(body: Mesh, within_mm: float) -> Mesh:
-    """Join the ends of edges shorter than `within_mm` of faces that cross.
+def _join_corners(body: Mesh, pairs: Indices, within_mm: float) -> Mesh:
+    """Join the ends of edges shorter than `within_mm` of pairs of faces (k, 2) that cross.
 
     A slit so narrow between two long faces is none that simplifying would close, since that turns a face.
     """
     vertices, faces = body
-    crossing = faces[np.unique(_find_crossing(vertices, faces))]
+    crossing = faces[np.unique(pairs)]
     edges = np.concatenate([np.roll(crossing, k, axis=1)[:, :2] for k in range(3)])
     short = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1) < within_mm
     to = np.arange(len(vertices))
@@ -276,21 +276,23 @@ def _is_clean(body: Mesh) -> bool:
     Slivers and what meets them are asked first: what rounding turns over is among them, nearly always.
     """
     vertices, faces = body
+    return bool(
+        np.linalg.norm(face_normals(vertices[faces]), axis=1).all()
+        and not len(_cross_slivers(vertices, faces))
+        and len(np.unique(vertices, axis=0)) == len(vertices)
+        and not len(_find_crossing(vertices, faces))
+    )
+
+
+def _cross_slivers(vertices: Array, faces: Faces) -> Indices:
+    """Return pairs (k, 2) of faces that cross, among slivers and what meets them."""
     edges = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
     doubled = np.linalg.norm(face_normals(vertices[faces]), axis=1)
     slivers = doubled <= _SLIVER_MM * np.linalg.norm(edges, axis=2).max(axis=1)
     thin = np.zeros(len(vertices), dtype=bool)
     thin[faces[slivers]] = True
-    return bool(
-        doubled.all()
-        and not _cross(vertices, faces[thin[faces].any(axis=1)])
-        and len(np.unique(vertices, axis=0)) == len(vertices)
-        and not _cross(vertices, faces)
-    )
-
-
-def _cross(vertices: Array, faces: Faces) -> bool:
-    return len(_find_crossing(vertices, faces)) > 0
+    asked = np.flatnonzero(thin[faces].any(axis=1))
+    return asked[_find_crossing(vertices, faces[asked])]
 
 
 def _find_crossing(vertices: Array, faces: Faces) -> Indices:
