@@ -187,7 +187,7 @@ class Chain:
             self._questions = [ask(_rename_view(within, t), [t]) for t in targets]
             polygons = [question.problem.polygons[0] for question in self._questions]
             self._outlines = [
-                outline_motion(p, q, self._count)
+                outline_motion(p, q, self._count) * first.scene.views[0].magnification
                 for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
             ]
         self._settings, self._radius, self._why = first.settings, radius, first.result.log.template
@@ -339,8 +339,9 @@ def frame_search(
     types, radius = tuple(knot.type for knot in before.knots), before.radius_mm
     rings, log = polylines_of([k.points for k in before.knots]), CertificateLog(why_known, types)
     (old, new), axes = (one.polygons[0] for one in problems), problem.views[0].axes
-    light = problem.views[0].view.light_distance_mm
-    furthest = outline_motion(old, new, len(types)) + 0.5 * radius
+    view = problem.views[0].view
+    light = view.light_distance_mm
+    furthest = view.magnification * outline_motion(old, new, len(types)) + 0.5 * radius
     moved = transport(before.points @ axes.T, rings, old, new, light, radius, furthest)
     log.accepted, log.refused = moved.steps, moved.refused
     log.add_margin(moved.least_margin)

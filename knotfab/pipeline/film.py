@@ -95,7 +95,11 @@ def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> li
         outlines.append(silhouette_polygon(piece.scene.views[0], piece.targets[0]))
     knots = pieces[0].made.knots
     ahead = [*range(1, len(pieces)), 0]
-    ways = [outline_motion(outlines[k], outlines[n], len(knots.knots)) for k, n in enumerate(ahead)]
+    larger = pieces[0].scene.views[0].magnification
+    ways = [
+        larger * outline_motion(outlines[k], outlines[n], len(knots.knots))
+        for k, n in enumerate(ahead)
+    ]
     return [
         measure_motion(points[k], points[n], ways[k], knots.radius_mm) for k, n in enumerate(ahead)
     ]
@@ -119,7 +123,7 @@ def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene
 
 
 def check_motion(motions: Sequence[Motion]) -> Check:
-    """Check `motion`: from frame to frame no vertex moves farther than the outlines plus one radius."""
+    """Check `motion`: from frame to frame no vertex moves farther than outlines on the wall plus a radius."""
     worst = max(motions, key=lambda m: m.largest_mm - m.limit_mm)
     number = next(k for k, m in enumerate(motions, start=2) if m is worst)
     return Check(

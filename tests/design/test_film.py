@@ -226,6 +226,27 @@ def test_a_frame_follows_the_picture_within_its_bound(first: SearchResult) -> No
     assert found.iou_estimate > max(0.93, stayed + 0.1)
 
 
+def test_a_shift_takes_what_lies_near_the_wall_all_the_way(
+    first: SearchResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There it goes farther than the picture at the middle of the piece, by which strands were cut short."""
+    ways = []
+
+    def carry(points: Array, rings: Polylines, *asked: Any) -> None:
+        moved, light = transport(points, rings, *asked), asked[2]
+        ways.append(((moved.points - points) * light / (light - points[:, 2:]), moved.reached))
+        raise InterruptedError
+
+    monkeypatch.setattr(chain, "transport", carry)
+    knots = first.knots.knots[0]
+    behind = Knots((replace(knots, points=knots.points - (0, 0, 60)),), RADIUS)
+    problems = ask_one(DISC), ask_one(affinity.translate(DISC, 60))
+    with pytest.raises(InterruptedError):
+        frame_search(behind, "a known one", problems, SHORT, ()).make()
+    ((way, share),) = ways
+    assert share == 1 and np.allclose(way, (60, 0, 0), atol=1e-6)
+
+
 def test_strands_that_the_picture_does_not_reach_are_far(first: SearchResult) -> None:
     points, light = first.knots.points, 500.0
     assert not is_far(points, rings_of(points), DISC, light, RADIUS)
