@@ -69,6 +69,7 @@ class Row:
     passes: bool = True  # whether the build must end with 0; else its own limit may leave no room
     quickest: str = "one view"  # the column that the tests build
     refused: tuple[tuple[str, str], ...] = ()  # (column, words of the physical reason)
+    lamps: tuple[tuple[str, Any], ...] = ()  # more options for coloured lamps
 
 
 _BY_NETWORK = "carried along the invertible network"
@@ -93,7 +94,12 @@ ROWS: tuple[Row, ...] = (
     ),
     Row("desk stand", "report.md#mounts", _is_mounted("stand"), options=(("mount", "stand"),)),
     Row(
-        "eyelet for a thread", "report.md#mounts", _is_mounted("hang"), options=(("mount", "hang"),)
+        "eyelet for a thread",
+        "report.md#mounts",
+        _is_mounted("hang"),
+        options=(("mount", "hang"),),
+        # long rods join what the lamps hold apart, and hold thin strands too softly
+        lamps=(("tube_radius", 2.0),),
     ),
     Row(
         "knot of a given type",
@@ -238,7 +244,8 @@ def _inputs(cell: Cell, folder: Path) -> tuple[list[str], dict[str, Any]]:
         drawn = [draw_disc(), draw_house()]
     elif cell.column == "coloured lamps":
         drawn = [draw_flag()]
-        options |= {"lamps": "rgb", "size": 200}  # each half as large as the others' pictures
+        # each half as large as the others' pictures
+        options |= {"lamps": "rgb", "size": 200, **dict(cell.row.lamps)}
     elif cell.column == "sequence":
         drawn = [draw_disc(0.48), draw_disc(0.5), draw_disc(0.52)]
         options["sequence"] = True

@@ -44,7 +44,10 @@ _DRAWN = 0.9  # IoU of the opening from which a picture of lines counts as drawn
 
 @dataclass(frozen=True)
 class RadiusRange:
-    """The radii to try, as shares of the frame's side, and the IoU that a thicker tube may cost."""
+    """The radii to try, as shares of the frame's side, and the IoU that a thicker tube may cost.
+
+    Several views are tried with no thinner tube than `least`, since a start takes as long as its inverse cubed.
+    """
 
     usual: float  # the thinnest radius that is tried at once
     thickest: float
@@ -54,13 +57,14 @@ class RadiusRange:
     hopeless: float  # several views: a radius this far below the best IoU is not tried
     trials: int  # several views: the number of starts to draw
     give: float  # IoU that a thicker tube may cost, unless the settings allow more
+    least: float = 0.0  # the printer's thinnest, 0.8 mm, in a frame of 320 mm
 
 
 # With three views or more the pictures ask so much of every strand that only a thin tube serves.
 _RANGES = {
     1: RadiusRange(0.0102, 0.035, None, 0.94, 5, 0.0, 1, 0.0),
-    2: RadiusRange(0.0125, 0.022, 4, 0.95, 4, 0.006, 7, 0.012),
-    3: RadiusRange(0.01056, 0.01056, 1, 0.95, 4, 0.006, 4, 0.012),
+    2: RadiusRange(0.0125, 0.022, 4, 0.95, 4, 0.006, 7, 0.012, 0.0025),
+    3: RadiusRange(0.01056, 0.01056, 1, 0.95, 4, 0.006, 4, 0.012, 0.0025),
 }
 
 

@@ -85,6 +85,13 @@ class _Trials:
         """Whether each picture is filled by itself, as a single one is."""
         return self.one_view or self.question.problem.apart_mm is not None
 
+    @property
+    def thinnest(self) -> float:
+        """The thinnest radius that is tried, mm."""
+        views, printed = self.question.views, self.question.scene.printer.min_tube_radius_mm
+        side = 0.0 if self.filled else max(view.longer_mm for view in views)
+        return max(printed, range_of(len(views)).least * side)
+
     def score(self, radius: float) -> float:
         """Return the IoU that a tube of this radius can reach in its worst view; -inf without a template."""
         if radius not in self.scores:
@@ -271,7 +278,7 @@ def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
     if trials.filled and not trials.one_view:
         # as thick on the screen as the tube of a single view at the usual magnification, 1.2
         least, alike = least * 1.2 / views[0].magnification, views[:1]
-    return usual_radii(alike, printer.min_tube_radius_mm, settings.radius_candidates, least)
+    return usual_radii(alike, trials.thinnest, settings.radius_candidates, least)
 
 
 def _begin_one(trials: _Trials, order: Sequence[float], placed: bool) -> dict[float, float]:
@@ -292,10 +299,7 @@ def _begin_many(
 ) -> dict[float, float]:
     """Return the IoU of starts for several views, by radius; thinner ones are tried until one is enough."""
     found: dict[float, float] = {}
-    span, thinnest = (
-        range_of(len(trials.question.views)),
-        trials.question.scene.printer.min_tube_radius_mm,
-    )
+    span, thinnest = range_of(len(trials.question.views)), trials.thinnest
     best = max(scores.values())
     few = sorted((r for r in scores if scores[r] > best - span.hopeless), reverse=True)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
+from knotfab.geometry.measures import segment_distance
 from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows
 from knotfab.hold.solids import motion_along
@@ -100,8 +101,13 @@ def centre_eyelet(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candi
 
 
 def has_room(obstacles: Obstacles, *rings: Eyelet) -> Mask:
-    """Return whether each ring, and the thread above it, has no strand in the way, (n,)."""
-    tube, points = obstacles.tube, obstacles.points
+    """Return whether no strand is in the way of each ring and the thread above it, (n,).
+
+    Nor may a member come near the ring, or run through its hole.
+    """
+    tube, points, bars = obstacles.tube, obstacles.points, obstacles.members
+    i, j = np.divmod(np.arange(_SIDES * len(bars)), max(len(bars), 1))
+    apart = bars.radius[j] + obstacles.clearance
     free = np.ones(len(rings), dtype=bool)
     for n, ring in enumerate(rings):
         off = points - ring.middle
@@ -110,6 +116,9 @@ def has_room(obstacles: Obstacles, *rings: Eyelet) -> Mask:
         reach = tube + obstacles.clearance + obstacles.slack
         free[n] = near.min() >= reach + ring.ring_mm + ring.wire_mm
         free[n] &= not ((level < reach + 0.5 * THREAD_MM) & (off[:, 1] > 0)).any()
+        middle, spokes = np.broadcast_to(ring.middle, (len(i), 3)), ring.outline(_SIDES)[i]
+        gaps = segment_distance(middle, spokes, bars.start[j], bars.end[j])
+        free[n] &= (gaps >= apart + ring.wire_mm).all()
     return free
 
 

@@ -77,7 +77,7 @@ def plan_members(
     members that the limit does not need are taken away.
 
     Args:
-        way, shadows: hold the given members already; more are added.
+        way, shadows: hold the given members already, those first that are in the way; more are added.
         visible: (n,) which candidates may darken pixels; only these have their cost computed.
         given: hold every knot already; they stay, and where `settled` they are not thickened
             either.
@@ -142,6 +142,8 @@ class _Plan:
     def __post_init__(self) -> None:
         # a share of the frame: a member that darkens so much must help twice as much
         self.dear = 1e-5 * max(self.shadows.pixels, 1.0)
+        self.given = len(self.members)
+        self.others = len(self.way.members) - self.given
         self.shown = np.flatnonzero(self.visible)
         self.cost = np.zeros(len(self.candidates))
         self.cost[self.shown] = self.shadows.cost(self.candidates.take(self.shown))
@@ -185,11 +187,17 @@ class _Plan:
         self.seen = self.seen_of(self.members, self.seen)
         old = np.flatnonzero(self.seen > SEEN_SHARE)
         thicker = self.members.take(old).thicken(THICKER, self.most_mm)
-        room = [self.way.clear(thicker.take([i]), but=int(n))[0] for i, n in enumerate(old)]
+        room = [
+            self.way.clear(thicker.take([i]), but=self._in_way(n))[0] for i, n in enumerate(old)
+        ]
         use = np.array(room, dtype=bool) & (thicker.radius > self.members.radius[old])
         old, thicker = old[use], thicker.take(use)
         more = thicker.radius / self.members.radius[old] - 1
         return old, thicker, more * (self.seen[old] * self.shadows.pixels)
+
+    def _in_way(self, number: int) -> int:
+        """Return a member's number in the way, which has its other bodies after the given members."""
+        return int(number) + (self.others if number >= self.given else 0)
 
     def make(self, change: _Change) -> None:
         """Add the candidate, or thicken the member; pixels that it darkens cost nothing from now on."""
@@ -201,7 +209,9 @@ class _Plan:
             self.members = join_members([self.members, one])
         else:
             self.members = self.members.with_radius(number, float(one.radius[0]))
-            self.way.members = self.members
+            self.way.members = self.way.members.with_radius(
+                self._in_way(number), float(one.radius[0])
+            )
             self.seen[number] = self.shadows.darken(one).sum()
         self.search.afresh()
         if change.pixels > 0:

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from pieces import EMPTY, PLA, RADIUS, camera, knots, ring
+from pieces import EMPTY, PLA, RADIUS, camera, knots, one, ring
 from tables import some
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
+from knotfab.geometry.measures import segment_distance
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep
 from knotfab.hold.beams import hold_by_threads, piece_frame, springs_of
-from knotfab.hold.eyelet import Eyelet, leave_no_gap
+from knotfab.hold.eyelet import Eyelet, has_room, leave_no_gap
 from knotfab.hold.hang import (
     LEAST_SPAN_MM,
     MOST_POSTS,
@@ -30,8 +31,9 @@ from knotfab.hold.hang import (
     plan_hang,
 )
 from knotfab.hold.planner import MOST, Planned, _Plan, plan_members
+from knotfab.hold.shade import MountShadows
 from knotfab.hold.space_frame import assemble_frame, round_beams
-from knotfab.hold.struts import GROUND, Candidates, join_members, sites_of
+from knotfab.hold.struts import GROUND, Candidates, Obstacles, join_members, no_members, sites_of
 from knotfab.knots import Knot, Knots
 from knotfab.render.silhouette import cast, frame_of
 from knotfab.scene.camera import Camera
@@ -81,6 +83,69 @@ def test_the_part_hangs_level_as_another_library_weighs_it(two: bool, threads: i
         assert np.ptp(mount.threads @ right) >= LEAST_SPAN_MM and np.ptp(mount.threads[:, 2]) < 0.1
     found = check_level(mesh, mount.threads, UP)
     assert found.status == "pass" and found.measured < 1.0
+
+
+def gaps(some: Candidates, others: Candidates) -> Array:
+    """How much air is between any two of them, (n, m) mm."""
+    i, j = np.divmod(np.arange(len(some) * len(others)), len(others))
+    apart = segment_distance(some.start[i], some.end[i], others.start[j], others.end[j])
+    return (apart - some.radius[i] - others.radius[j]).reshape(len(some), -1)
+
+
+@pytest.mark.parametrize(("two", "threads"), [(True, 2), (True, 1)])
+def test_what_meets_at_no_common_end_is_apart(two: bool, threads: int) -> None:
+    """An eyelet that was moved above the centre of mass once met a strut."""
+    mount = plan(two, threads)
+    members = mount.members
+    for n, eye in enumerate(mount.eyelets):
+        at = eye.outline(96)
+        ground = np.full(96, GROUND)
+        wire = Candidates(ground, ground, at, np.roll(at, -1, axis=0), np.full(96, eye.wire_mm))
+        own = np.linalg.norm(members.end - eye.middle, axis=1) < eye.ring_mm + 0.1
+        assert own.any(), n
+        assert gaps(members.take(~own), wire).min(initial=np.inf) >= 0.4 - 0.01
+    ends = np.stack([members.start, members.end], axis=1)
+    between = np.linalg.norm(ends[:, None, :, None] - ends[None, :, None], axis=4)
+    apart = between.min(axis=(2, 3)) > 0.1
+    assert gaps(members, members)[apart].min(initial=np.inf) >= 0.4 - 1e-6
+
+
+@pytest.mark.parametrize(
+    ("off", "along", "free"),
+    [
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), False),  # through the hole
+        ((1.2, 0.0, 0.0), (0.0, 0.0, 1.0), False),
+        ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), False),  # across it
+        ((0.0, 0.0, 2.1), (1.0, 1.0, 0.0), False),  # before its face
+        ((0.0, 0.0, 2.3), (1.0, 1.0, 0.0), True),
+        ((4.6, 0.0, 0.0), (0.0, 1.0, 0.0), False),  # beside its rim
+        ((4.8, 0.0, 0.0), (0.0, 1.0, 0.0), True),
+    ],
+)
+def test_a_ring_has_room_where_no_member_is_near_it(
+    off: tuple[float, ...], along: tuple[float, ...], free: bool
+) -> None:
+    way, eye = Obstacles(ONE, sites_of(ONE), 0.4), Eyelet(np.zeros(3), np.eye(3)[2], 2.5, 0.9)
+    assert has_room(way, eye)[0]
+    middle, half = np.array(off), 20.0 * np.array(along)
+    way.add(one(middle - half, middle + half, 0.9))
+    assert has_room(way, eye)[0] == free
+
+
+def test_members_are_thickened_no_nearer_to_bodies_that_are_none() -> None:
+    """Such bodies, as eyelets are, were once forgotten when the first member was thickened."""
+    mount, sites = plan(True, 1), sites_of(TWO)
+    given = replace(mount.members, radius=np.full(2, 0.8))  # a strut and a post
+    aside = (2 * 0.8 + 0.4 + 0.05) * UP
+    beside = given.take([0])
+    beside = replace(beside, start=beside.start + aside, end=beside.end + aside)
+    for kept in (no_members(), beside):
+        way, shadows = Obstacles(TWO, sites, 0.4), MountShadows(TWO, [camera()], [EMPTY])
+        way.add(join_members([given, kept]))
+        none, firm = np.zeros(0, dtype=bool), replace(PLA, max_sag_mm=1e-4)
+        found = plan_members(TWO, sites, way, shadows, no_members(), none, given, firm).members
+        assert (found.radius > 0.85).tolist() == [len(kept) == 0, True]
+        assert np.array_equal(way.members.radius[2:], kept.radius)
 
 
 def test_several_views_hang_on_two_threads_where_a_turn_costs_their_pictures() -> None:
