@@ -46,7 +46,7 @@ _DRAWN = 0.9  # IoU of the opening from which a picture of lines counts as drawn
 class RadiusRange:
     """The radii to try, as shares of the frame's side, and the IoU that a thicker tube may cost.
 
-    Several views are tried with no thinner tube than `least`, since a start takes as long as its inverse cubed.
+    Several views get no tube thinner than `least`: a start takes as long as the inverse of its radius, cubed.
     """
 
     usual: float  # the thinnest radius that is tried at once

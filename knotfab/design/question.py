@@ -33,6 +33,8 @@ from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Region
 from knotfab_formats.scene import ResolvedScene, ResolvedView, SettledRegion
 
+# how far a piece may reach to a lamp's side, in the lamp's distances: beyond, strands are too near it
+_BESIDE = 2.0
 _ROOM = 0.03  # room for a tube beyond the hull of its lamp's mask, as a share of the frame's longer side
 
 
@@ -144,6 +146,7 @@ def ask(
         bounds = hull_bounds(cameras_of(views, targets), masks, reach, ends=scene.screen_ends)
         room = thinnest if apart is None else _ROOM * views[0].longer_mm
     elif several:
+        _require_lamps(seen)
         bounds = agreed.bounds or bounds_of(scene.views, targets, extents=True)
         for line in contradictions(views, bounds):
             (progress or Progress("quiet")).say(line)
@@ -169,6 +172,30 @@ def ask(
         world=World.from_scene(scene),
     )
     return Question(scene, problem, bounds, _likeness(targets)).with_depth(thinnest)
+
+
+def _require_lamps(views: Sequence[TargetView]) -> None:
+    """Refuse pictures so large that strands for one of them stand far beyond the lamp of another.
+
+    Raises:
+        InputError: names the distance and the size that do.
+    """
+    across = [float(np.abs(np.array(v.polygon.bounds)[[0, 2]]).max()) for v in views]
+    for one in views:
+        asked = [
+            wide * float(np.linalg.norm(np.cross(one.axes[2], other.axes[2])))
+            for wide, other in zip(across, views, strict=True)
+        ]
+        far, light = max(asked), one.view.light_distance_mm
+        if far > _BESIDE * light:
+            size = views[0].view.longer_mm * light / far
+            raise InputError(
+                f"pictures of {views[0].view.longer_mm:.4g} mm (--size)",
+                f"their piece would reach {far:.0f} mm towards the lamp of view {one.view.name}, which is "
+                f"{light:g} mm away",
+                f"Move the lamps away (--lamp-distance {np.ceil(2 * far / 100) * 100:g}), or make the "
+                f"pictures smaller (--size {np.floor(size / 10) * 10:g}).",
+            )
 
 
 def _overhang_deg(scene: ResolvedScene) -> float | None:

@@ -27,7 +27,7 @@ from knotfab.knots import Knots
 
 _HEIGHTS = 24  # heights of the eyelet that are tried
 _ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
-_TRIED = 400  # posts, from the one that shows least on
+_AT_ONCE = 400  # posts that are looked at together, from those that show least on
 THREAD_MM = 1.0  # across the thread's way, with some room
 _FAR_MM = 1e4  # above every piece
 _SIDES = 48  # places along a ring at which it is told how far a post is
@@ -158,12 +158,13 @@ def choose_post(
         raise no_place()
     shown = np.array([shadows.cost(ring_bars(one)).sum() for one in rings])
     cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
-    order = np.argsort(cost, kind="stable")[:_TRIED]
-    clear = obstacles.clear(every.take(order))
-    if not clear.any():
-        raise no_place()
-    best = int(order[clear.argmax()])
-    return centre_eyelet(every.take([best]), rings[number[best]], middle)
+    order = np.argsort(cost, kind="stable")
+    for begin in range(0, len(order), _AT_ONCE):
+        clear = obstacles.clear(every.take(order[begin : begin + _AT_ONCE]))
+        if clear.any():
+            best = int(order[begin + clear.argmax()])
+            return centre_eyelet(every.take([best]), rings[number[best]], middle)
+    raise no_place()
 
 
 def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:

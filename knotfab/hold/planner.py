@@ -188,7 +188,8 @@ class _Plan:
         old = np.flatnonzero(self.seen > SEEN_SHARE)
         thicker = self.members.take(old).thicken(THICKER, self.most_mm)
         room = [
-            self.way.clear(thicker.take([i]), but=self._in_way(n))[0] for i, n in enumerate(old)
+            self.way.clear(thicker.take([i]), but=self._in_way(int(n)))[0]
+            for i, n in enumerate(old)
         ]
         use = np.array(room, dtype=bool) & (thicker.radius > self.members.radius[old])
         old, thicker = old[use], thicker.take(use)
@@ -197,7 +198,7 @@ class _Plan:
 
     def _in_way(self, number: int) -> int:
         """Return a member's number in the way, which has its other bodies after the given members."""
-        return int(number) + (self.others if number >= self.given else 0)
+        return number + (self.others if number >= self.given else 0)
 
     def make(self, change: _Change) -> None:
         """Add the candidate, or thicken the member; pixels that it darkens cost nothing from now on."""

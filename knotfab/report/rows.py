@@ -19,6 +19,7 @@ _WAYS = {
     "none": ("--supports none", "without supports"),
 }
 _STRINGS = 15.0  # retractions a layer from which on strings are to be expected
+_SEEN = 0.0005  # share of a frame that a holder darkens, from which on it is told
 _PRESSING = ("fail", "warn", "do", "info")
 
 
@@ -159,9 +160,10 @@ def _list_printing(report: Report) -> Iterator[Row]:
             remedy=f"--mount {kind}",
             text=f"Nothing holds it: --mount {kind} adds what does.{kept}",
         )
-    one_thread = mount is not None and mount.kind == "hang" and mount.second_thread_mm is None
-    if one_thread:
+    if mount is not None and mount.kind == "hang" and mount.second_thread_mm is None:
         said = "It hangs on one thread and can turn: hold it still until you see its picture."
+        if (dark := mount.predicted_intrusion or 0.0) >= _SEEN:
+            said += f" Above its centre of mass an eyelet darkens {dark:.1%} of a frame at least."
         yield Row(name="thread", value=1, status="do", text=said)
     if mount is not None and mount.foot == "dowel":
         said = f"Its {mount.pegs} pegs go into holes drilled in the wall."

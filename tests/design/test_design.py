@@ -263,6 +263,25 @@ def test_several_pictures_get_no_thinner_tube_than_will_do(monkeypatch: pytest.M
     assert len(begun) == 1 < len(thin) and tried.radius_mm == begun[0] == max(thin)
 
 
+@pytest.mark.parametrize("times", [1.0, 3.0, 30.0])
+def test_as_many_radii_are_tried_however_large_several_pictures_are(
+    times: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A start takes as long as the picture's side over the radius, cubed."""
+    disc = MultiPolygon([Point(0, 0).buffer(100.0 * times)])
+    problem = ask_views([disc] * 2, 0.0, 90.0, side_mm=320.0 * times)
+    asked = Question(resolve(Scene()), problem)
+    begun: list[float] = []
+
+    def begin(_: _Trials, radius: float) -> float:
+        begun.append(radius / times)
+        return 0.5
+
+    monkeypatch.setattr(_Trials, "begin", begin)
+    choose_radius(asked, DRAFT)
+    assert len(begun) == 10 and min(begun) >= 0.79
+
+
 # Places of lamps: within their bounds, and such that each one's pieces throw nothing else on the
 # screen.
 

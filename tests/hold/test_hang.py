@@ -184,6 +184,22 @@ def test_of_pairs_that_hold_two_pictures_one_is_taken_that_crosses_none(
     assert len(planned) == len(crossing) + 1
 
 
+@pytest.mark.parametrize(("low", "high"), some([(16.0, 34.0), (30.0, 46.0), (0.0, 0.0)], 2))
+def test_a_single_eyelet_goes_where_it_crosses_no_picture(
+    low: float, high: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a picture leaves no such place, it darkens least, and what it darkens is told."""
+    monkeypatch.setattr("knotfab.hold.hang.TURN_LOSS", 2.0)
+    views = [camera(), camera(azimuth_deg=90.0)]
+    top, foot = views[0].project(np.array([[0.0, high, 0.0], [0.0, low, 0.0]]))[:, 1]
+    rows = np.arange(views[0].height)
+    band = np.repeat(((rows > top) & (rows < foot))[:, None], views[0].width, axis=1)
+    soft = replace(PLA, max_sag_mm=100.0)
+    mount = plan_hang(ONE, views, [band, ~EMPTY], 0.4, soft, 0.8)
+    assert len(mount.eyelets) == 1 and mount.predicted_intrusion[1] < 1e-4
+    assert (mount.predicted_intrusion[0] < 1e-4) == (high > low)
+
+
 def shadow_of(piece: Knots, view: Camera) -> Mask:
     ahead = piece.points[piece.rings.next]
     frame = frame_of(view, np.float32, stretched=True)

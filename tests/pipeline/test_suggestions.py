@@ -62,6 +62,7 @@ REFUSED: dict[str, Options] = {
     "heart.png teapot.png --depth 20": {},
     "heart.png teapot.png --mount wall": {},
     "heart.png teapot.png --lines on": {},
+    "heart.png teapot.png --size 2000": {},
     "heart.png --plate roots --mount stand": {},
     "heart.png --plate rounded --depth flat": {},
     "heart.png --plate rounded --free view": {},
