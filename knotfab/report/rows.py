@@ -163,7 +163,7 @@ def _list_printing(report: Report) -> Iterator[Row]:
     if mount is not None and mount.kind == "hang" and mount.second_thread_mm is None:
         said = "It hangs on one thread and can turn: hold it still until you see its picture."
         if (dark := mount.predicted_intrusion or 0.0) >= _SEEN:
-            said += f" Above its centre of mass an eyelet darkens {dark:.1%} of a frame at least."
+            said += f" Its eyelet and rods darken {dark:.1%} of a frame."
         yield Row(name="thread", value=1, status="do", text=said)
     if mount is not None and mount.foot == "dowel":
         said = f"Its {mount.pegs} pegs go into holes drilled in the wall."

@@ -77,7 +77,7 @@ TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
     ({"print": {"mount": {"kind": "none"}}}, "mount", {"remedy": "--mount wall"}),
     ({"print": {"mount": {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0]}}}, "thread", {"status": "do"}),
     ({"print": {"mount": {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0], "predicted_intrusion": 0.007}}},
-     "thread", {"text": "an eyelet darkens 0.7% of a frame"}),
+     "thread", {"text": "Its eyelet and rods darken 0.7% of a frame."}),
     ({"print": {"mount": {"kind": "wall", "foot": "dowel", "pegs": 5}}}, "holes", {"text": "Its 5 pegs"}),
     ({"print": {"roots": {**ROOTS, "screws": []}}}, "tape",
      {"status": "do", "text": "No screw fits its shadow: double-sided tape along its strips holds it (39"}),
