@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import importlib
 import os
 import pickle
@@ -151,6 +152,7 @@ def run_beside(
     if not beside or sys.platform != "linux":
         return here(), there()
     ours, theirs = os.pipe()
+    gc.freeze()  # what both have is looked through by neither, and stays one
     copy = os.fork()
     if copy == 0:
         _work_as_copy(there, theirs)
@@ -205,8 +207,11 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     if part is None and knots is None:
         geometry, shadows = prepare("geometry", "layers"), prepare("shadows")
         run_beside(lambda: [*geometry], lambda: [*shadows], beside)
+    beside = beside and bool(part and scene)
     try:
         piece = read_piece(part, knots, scene, request.get("unit", "mm"))
+        for name in (GEOMETRY[0], SHADOWS[0]) if beside else ():
+            importlib.import_module(name)  # once for both
         measure = partial(measure_piece, piece, request["skip"], request["pictures_dir"])
         halves = run_beside(
             partial(measure, "geometry"),
