@@ -131,10 +131,8 @@ class PartPainter:
         if sys.platform.startswith("linux"):
             os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
         import pyvista as untyped
-        import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what VTK draws by
-        from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
-        self._pv: Any = untyped  # its plotter would load matplotlib: half a second
+        self._pv: Any = untyped
         self._hung = False
         self.points = np.asarray(vertices, dtype=np.float64)
         sheet = self._pv.PolyData.from_regular_faces(self.points.astype(np.float32), faces)
@@ -143,27 +141,22 @@ class PartPainter:
         )
         paint = TUBE if color == USUAL_COLOR else color
         self.paint = to_linear(np.array(list(bytes.fromhex(paint[1:]))) / 255)
-        self._window, self._room = vtkRenderWindow(), vtkRenderer()
-        self._window.SetOffScreenRendering(True)
-        self._window.SetMultiSamples(0)
-        self._window.SetAlphaBitPlanes(True)
-        self._window.AddRenderer(self._room)
-        self._room.AutomaticLightCreationOff()
+        self._plotter = self._pv.Plotter(off_screen=True, lighting="none", window_size=(64, 64))
+        self._plotter.disable_anti_aliasing()
         self._add(sheet)
+        self._plotter.render_window.SetAlphaBitPlanes(True)
+        self._plotter.set_background("black")
 
     def _add(self, sheet: Any) -> None:
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
-
-        mapper, actor = vtkPolyDataMapper(), vtkActor()
-        mapper.SetInputData(sheet)
-        mapper.ScalarVisibilityOff()
-        actor.SetMapper(mapper)
-        look = actor.GetProperty()
-        look.SetDiffuse(1.0)
-        look.SetSpecular(0.2)
-        look.SetSpecularPower(22)
-        look.BackfaceCullingOn()
-        self._room.AddActor(actor)
+        self._plotter.add_mesh(
+            sheet,
+            color="white",
+            smooth_shading=True,
+            diffuse=1.0,
+            specular=0.2,
+            specular_power=22,
+            culling="back",
+        )
 
     def hang(self, threads: Array) -> None:
         """Hang the part on threads from places (k, 3); they are seen, and throw shadows."""
@@ -176,35 +169,32 @@ class PartPainter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._window.Finalize()
+        self._plotter.close()
 
     def light(self, *lamps: Light) -> None:
         """Light the part anew."""
-        from vtkmodules.vtkRenderingCore import vtkLight
-
-        self._room.RemoveAllLights()
+        self._plotter.remove_all_lights()
         for lamp in lamps:
-            light = vtkLight()
-            light.SetPosition(*lamp.place)
-            light.SetFocalPoint(0.0, 0.0, 0.0)
-            light.SetColor(*lamp.channels)
-            if lamp.moves:
-                light.SetLightTypeToCameraLight()
-            else:
-                light.SetPositional(True)
-                light.SetConeAngle(180.0)
-            self._room.AddLight(light)
+            self._plotter.add_light(
+                self._pv.Light(
+                    position=tuple(lamp.place),
+                    focal_point=(0.0, 0.0, 0.0),
+                    color=tuple(lamp.channels),
+                    light_type="camera light" if lamp.moves else "scene light",
+                    positional=not lamp.moves,
+                    cone_angle=180,
+                )
+            )
 
     def look(self, eye: Eye, colours: bool = True) -> tuple[Real, Real]:
         """Return light in three channels and coverage, (h, w, 4), and depths, (h, w), `far` where bare."""
-        window, camera = self._window, self._room.GetActiveCamera()
-        camera.SetPosition(*eye.place)
-        camera.SetFocalPoint(*(eye.place - eye.axes[2]))
-        camera.SetViewUp(*eye.axes[1])
-        camera.SetClippingRange(eye.near, eye.far)
+        window, camera = self._plotter.render_window, self._plotter.camera
+        camera.position, camera.focal_point = tuple(eye.place), tuple(eye.place - eye.axes[2])
+        camera.up = tuple(eye.axes[1])
+        camera.clipping_range = (eye.near, eye.far)
         (left, top), (right, bottom) = self._find_box(eye)
         wide, high, fine = right - left, bottom - top, _FINER if colours else 1
-        camera.SetViewAngle(2 * np.degrees(np.arctan(0.5 * high / eye.focal_px)))
+        camera.view_angle = 2 * np.degrees(np.arctan(0.5 * high / eye.focal_px))
         off = np.array([left + right, top + bottom]) - eye.size
         camera.SetWindowCenter(off[0] / wide, -off[1] / high)
         window.SetSize(fine * wide, fine * high)
@@ -250,7 +240,7 @@ class PartPainter:
         to_numpy: Any = numpy_support.vtk_to_numpy
 
         read = vtkWindowToImageFilter()
-        read.SetInput(self._window)
+        read.SetInput(self._plotter.render_window)
         read.ShouldRerenderOff()
         read.ReadFrontBufferOff()
         getattr(read, kind)()
