@@ -160,6 +160,7 @@ def run_beside(
     try:
         found = here()
     finally:
+        gc.unfreeze()
         with open(ours, "rb") as pipe:
             sent = pipe.read()
         code = os.waitstatus_to_exitcode(os.waitpid(copy, 0)[1])
