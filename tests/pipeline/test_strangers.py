@@ -146,7 +146,8 @@ def test_a_part_that_takes_too_much_to_measure_is_refused(
         (tmp_path / "a.stl").write_bytes(seeds()["cube.stl"])
         monkeypatch.setattr(verifier, "_MODULE", "greedy")
         source = "\n".join(lines).format(limit, f"def eat(*_):\n {does}")
-        source += "\nfrom knotfab_validators import service\nservice._read = eat\nanswer = service.answer\n"
+        source += "\nfrom importlib import import_module\nfrom knotfab_validators import service\n"
+        source += "import_module('knotfab_validators.validate').read_piece = eat\nanswer = service.answer\n"
         (tmp_path / "greedy.py").write_text(source)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
         with pytest.raises(InputError, match=said):

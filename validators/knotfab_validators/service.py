@@ -214,11 +214,7 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
         for name in (GEOMETRY[0], SHADOWS[0]) if beside else ():
             importlib.import_module(name)  # once for both
         measure = partial(measure_piece, piece, request["skip"], request["pictures_dir"])
-        halves = run_beside(
-            partial(measure, "geometry"),
-            partial(measure, "shadows"),
-            beside and bool(part and scene),
-        )
+        halves = run_beside(partial(measure, "geometry"), partial(measure, "shadows"), beside)
         verdict = conclude_piece(piece, halves, request["failures"])
     except (BadFile, PictureError) as error:
         return {"error": str(error)}
