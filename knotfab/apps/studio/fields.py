@@ -21,7 +21,7 @@ _LONGEST = 60  # characters in a field
 
 # the labels of the options of `knotfab build` that the page sets; none of them names a file
 FIELDS = {
-    "width": "Width on the wall", "lamp_distance": "Lamp to piece", "wall_distance": "Piece to wall",
+    "size": "Longer side on the wall", "lamp_distance": "Lamp to piece", "wall_distance": "Piece to wall",
     "mount": "Mount", "plate": "Plate", "supports": "Supports", "printer": "Printer",
     "material": "Material", "accuracy": "Accuracy", "print": "Check it against the printer",
     "accept": "Build it even if nobody would know it", "ink": "What is drawn", "crop": "Crop",
@@ -87,8 +87,6 @@ def in_page_words(sentence: str) -> str:
 
     def label(found: re.Match[str]) -> str:
         name, value = found[1].replace("-", "_"), found[2]
-        if name == "size":  # the page sets the longer side by its width
-            name = "width"
         if name not in FIELDS:
             return f"{found[0]} of the command line" if name in _OPTIONS else found[0]
         if not value:

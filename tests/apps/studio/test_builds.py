@@ -69,14 +69,14 @@ def built(ask: Callable[..., Any], text: str = "", **settings: Any) -> dict[str,
 
 def test_builds_are_numbered_and_an_old_one_comes_back_whole(runs: Path, tmp_path: Path) -> None:
     with opened(tmp_path / "studio") as ask:
-        built(ask, "pass", width=120)
-        built(ask, width=150, smooth="1,5")
+        built(ask, "pass", size=120)
+        built(ask, size=150, smooth="1,5")
         state = built(ask, "fail")
         assert [b["title"] for b in state["builds"]] == ["fail", "pass 2", "pass"]
         assert state["builds"][0]["phase"] == "rejected" and state["current"] == "fail"
         assert ask("open", name="pass") == ""
         state = ask()
-        assert (state["picture"]["name"], state["settings"]["width"]) == ("pass", 120)
+        assert (state["picture"]["name"], state["settings"]["size"]) == ("pass", 120)
         assert "smooth" not in state["settings"] and state["current"] == "pass"
         assert state["build"]["phase"] == "done" and state["build"]["result"]["where"] == "pass"
         assert ask("open", name="pass-2") == "" and ask()["settings"]["smooth"] == 1.5
@@ -103,9 +103,9 @@ def test_a_restart_finds_everything_again(runs: Path, tmp_path: Path) -> None:
 def test_nothing_is_built_while_a_field_is_wrong(runs: Path, tmp_path: Path) -> None:
     with opened(tmp_path / "studio") as ask:
         ask("text", text="pass")
-        assert ask("settings", smooth="much", width=150).startswith("Smooth: This is no number")
+        assert ask("settings", smooth="much", size=150).startswith("Smooth: This is no number")
         state = ask()
-        assert state["wrong"]["smooth"]["text"] == "much" and state["settings"]["width"] == 150
+        assert state["wrong"]["smooth"]["text"] == "much" and state["settings"]["size"] == 150
         assert ask("build") == "Smooth: this is not right yet. Correct what is marked, then build."
         assert ask("settings", smooth="2,5 px") == "" and ask()["wrong"] == {}
         assert "--" not in "".join(ask("settings", **{name: "?"}) for name in FIELDS)
@@ -115,9 +115,9 @@ def test_nothing_is_built_while_a_field_is_wrong(runs: Path, tmp_path: Path) -> 
 def test_how_a_picture_is_read_ends_with_it(runs: Path, tmp_path: Path) -> None:
     with opened(tmp_path / "studio") as ask:
         ask("text", text="photo")
-        ask("settings", ink="dark", smooth="2,5", width=90)
+        ask("settings", ink="dark", smooth="2,5", size=90)
         ask("text", text="logo")
-        assert ask()["settings"].get("ink") is None and ask()["settings"]["width"] == 90
+        assert ask()["settings"].get("ink") is None and ask()["settings"]["size"] == 90
         assert "smooth" not in ask()["settings"]
 
 
@@ -196,7 +196,7 @@ def test_names_are_told_apart_as_disks_do() -> None:
 @pytest.mark.parametrize(
     ("said", "shown"),
     [
-        ("so wide (--size 120), or --ink.", "so wide (“Width on the wall”: 120), or “What is drawn”."),
+        ("so wide (--size 120), or --ink.", "so wide (“Longer side on the wall”: 120), or “What is drawn”."),
         ("or --accept unrecognisable.", "or “Build it even if nobody would know it”."),
         ("or --depth flat.", "or --depth flat of the command line."),
         ("--no-such thing -- stays", "--no-such thing -- stays"),

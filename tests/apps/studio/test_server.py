@@ -262,11 +262,11 @@ def test_the_studio_ends_with_its_terminal(how: signal.Signals, said: str, tmp_p
 def test_a_build_leaves_its_folder_and_no_other_file_can_be_read(
     client: TestClient, runs: Path, tmp_path: Path
 ) -> None:
-    ask(client, "/api/settings", width=150, mount="wall")
+    ask(client, "/api/settings", size=150, mount="wall")
     result = build(client, "pass")["build"]["result"]
     assert [result[key] for key in ("where", "verdict", "piece")] == ["pass", "good", "9 mm, 5 g"]
     call = (runs / "text:pass.runs").read_text()
-    assert "--width=150" in call and "--mount=wall" in call and "--print" in call
+    assert "--size=150" in call and "--mount=wall" in call and "--print" in call
     assert client.get("/files/pass/part.3mf").text == "a part"
     report = client.get("/files/pass/report.html").headers["content-security-policy"]
     assert report.startswith("sandbox allow-scripts;") and "connect-src" not in report
@@ -324,14 +324,14 @@ def test_a_build_that_is_killed_fails_or_is_refused(client: TestClient, tmp_path
         ({"out": "/tmp/elsewhere"}, "there is none of that name"),
         ({"scene": "/etc/passwd"}, "there is none of that name"),
         ({"printer": "../../etc/passwd"}, "not known"),
-        ({"width": -3}, "Width on the wall: This is not above 0. Give millimetres from 0.001"),
+        ({"size": -3}, "Longer side on the wall: This is not above 0. Give millimetres from 0.001"),
         ({"plate": "round"}, "Plate: "),
         ({"smooth": "much"}, "Smooth: This is no number"),
         ({"tube_radius": 2}, "there is none of that name"),
-        ({"width": [1]}, "there is none of that name"),
-        ({"width": "abc"}, "no length"),
-        ({"width": 10**50}, "up to 100000, such as 2."),
-        ({"width": "9" * 5000}, "no more than 60"),
+        ({"size": [1]}, "there is none of that name"),
+        ({"size": "abc"}, "no length"),
+        ({"size": 10**50}, "up to 100000, such as 200."),
+        ({"size": "9" * 5000}, "no more than 60"),
         ({"wall_distance": 0}, "Piece to wall"),
         ({"lamp_distance": "3 parsec"}, "There is no unit parsec"),
         ({"crop": "1,2,3"}, "left, top, width and height"),
@@ -366,7 +366,7 @@ def test_what_is_no_call(client: TestClient) -> None:
     ):
         refuse(client.post("/api/open", content=body), 422, "the call: ")
     refuse(client.post("/api/settings", content=b'{"\\ud800": 1}'), 422, "the call: ")
-    refuse(client.post("/api/settings", content=b'{"width": NaN}'), 422, "no length")
+    refuse(client.post("/api/settings", content=b'{"size": NaN}'), 422, "no length")
     refuse(client.post("/api/text", content=b" " * 100_000), 413, "more than 64 kB")
     assert client.get("/api/state").json()["picture"] is None
 

@@ -11,7 +11,7 @@ const LISTS = {
     ["lines", "menu", { "": "along their middle where they are thin", on: "along their middle", off: "filled" }],
   ],
   "scene-fields": [
-    ["width", "range", { min: 60, max: 400, step: 5, usual: 180, unit: "mm" }],
+    ["size", "range", { min: 60, max: 400, step: 5, usual: 180, unit: "mm" }],
     ["lamp_distance", "range", { min: 150, max: 3000, step: 10, usual: 500, unit: "mm" }],
     ["wall_distance", "range", { min: 30, max: 1000, step: 5, usual: 100, unit: "mm" }],
     ["lamps", "menu", { "": "one: a shadow", rgb: "three: in colours", "warm+cold": "warm and cold: two tints" }],
@@ -108,11 +108,12 @@ export function showFields(state) {
   if (inputs.printer.selectedIndex < 0) inputs.printer.value = "";
   for (const name of ["mount", "accuracy"]) for (const input of document.getElementsByName(name)) input.checked = input.value === state.settings[name];
   for (const mark of document.querySelectorAll(".wrong")) mark.textContent = state.wrong[mark.id.slice(0, -6)]?.why ?? "";
-  const frame = state.preview.views?.[0]?.frame_mm[0];
-  if (frame) inputs.width.placeholder = Math.round(frame);
+  const sides = state.preview.views?.[0]?.frame_mm;
+  const frame = sides && Math.max(...sides);
+  if (frame) inputs.size.placeholder = Math.round(frame);
   for (const [name, [range, about]] of Object.entries(ranges)) {
     if (range === document.activeElement) continue;
-    const value = state.settings[name] ?? (name === "width" ? frame : null) ?? about.usual;
+    const value = state.settings[name] ?? (name === "size" ? frame : null) ?? about.usual;
     range.value = Number(value);
   }
   byId("font-row").hidden = !state.picture?.text && byId("source-text").hidden;
