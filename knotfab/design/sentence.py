@@ -186,18 +186,20 @@ def _describe_outsized(found: Survey) -> list[str]:
     printer, guess, size = found.scene.printer, found.guess, found.views[0].view.longer_mm
     bed, piece = sorted(printer.build_volume_mm), sorted(found.views[0].piece_mm)
     share = min(room / side for room, side in zip(bed[1:], piece, strict=True))
+    slow = guess.hours is not None and guess.hours > _LONG_H
+    quicker = smaller_size(size, _LONG_H / guess.hours, 2) if guess.hours and slow else size
     if not found.scene.piece.printed or found.frames or max(piece) > 2000.0:
         return []
     if share < 1:
         room = " × ".join(f"{side:.0f}" for side in printer.build_volume_mm)
+        fits = min(smaller_size(size, share, 1), quicker)
         return [
-            f"  That is larger than {printer.name} prints ({room} mm): --size {smaller_size(size, share, 1)} "
-            "would fit, or another --printer."
+            f"  That is larger than {printer.name} prints ({room} mm): --size {fits:g} would fit, or another "
+            "--printer."
         ]
-    if guess.hours is not None and guess.hours > _LONG_H:
-        side = smaller_size(size, _LONG_H / guess.hours, 2)
+    if slow:
         return [
-            f"  That prints for more than two days: --size {side} would take about {_LONG_H:.0f} h."
+            f"  That prints for more than two days: --size {quicker} would take about {_LONG_H:.0f} h."
         ]
     return []
 

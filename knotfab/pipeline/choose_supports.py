@@ -11,7 +11,7 @@ from knotfab.base.arrays import Array
 from knotfab.design.frames import frame_view
 from knotfab.picture.read import Target
 from knotfab.request import Request
-from knotfab.scene.require import stand_alone, why_supported
+from knotfab.scene.require import name_standing, stand_alone, why_supported
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
 
@@ -36,7 +36,7 @@ def choose_supports(
             alone = alone.but(mount=alone.mount.but(plate="rounded"))
         return alone, supported if asked == "auto" else None, ""
     if asked == "none":
-        raise InputError("a piece without supports (--supports none)", *refusal)
+        raise InputError(name_standing(scene), *refusal)
     return supported, None, refusal[0]
 
 

@@ -230,8 +230,9 @@ def _survey_first(
     found = _survey(replace(call, scene=way[0]), sequence, printing, placed)
     error, otherwise = found.refusal, way[1]
     if error is not None and error.what != PICTURE and otherwise is not None:
-        way = otherwise, None, error.why
-        found = _survey(replace(call, scene=otherwise), sequence, printing, placed)
+        other = _survey(replace(call, scene=otherwise), sequence, printing, placed)
+        if other.refusal is None or other.refusal.what != error.what:  # else that costs more still
+            way, found = (otherwise, None, error.why), other
     told = (f"it gets the slicer's supports: {way[2]}",) if way[2] else ()
     return way, replace(found, told=(*found.told, *told))
 

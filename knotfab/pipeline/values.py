@@ -21,6 +21,9 @@ _SECONDS = {"": 1.0}
 _SECONDS |= dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0)
 _SECONDS |= dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0)
 _SECONDS |= dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0)
+# examples of lengths that are none of a frame or a distance
+_SUCH_MM = {"tube_radius_mm": 2, "thicken_mm": 5, "light_diameter_mm": 5}
+_FAR_MM = 200
 
 
 def read_value(model: type[BaseModel], key: str, value: Any, option: str = "") -> Any:
@@ -48,7 +51,8 @@ def read_value(model: type[BaseModel], key: str, value: Any, option: str = "") -
     elif whole or numeric:
         known = f", or {' or '.join(words)}" if words else ""
         if isinstance(value, str) and key.endswith("_mm"):
-            value = read_length(said, value, f"Give millimetres, such as {option} 20{known}.")
+            such = _SUCH_MM.get(key, _FAR_MM)
+            value = read_length(said, value, f"Give millimetres, such as {option} {such}{known}.")
         elif isinstance(value, str):
             value = read_whole(said, value) if whole else read_number(said, value)
         elif isinstance(value, bool) or not isinstance(value, int if whole else int | float):
@@ -100,7 +104,8 @@ def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str, known
     if bounds is not None:
         unit = {"mm": "millimetres", "px": "pixels"}.get(key.rpartition("_")[2], "a number")
         why = "it is not above 0" if value <= 0 else "it is out of bounds"
-        such = f", such as {what.split()[0]} 2" if key.endswith("_mm") else ""
+        such = f", such as {what.split()[0]} {_SUCH_MM.get(key, _FAR_MM)}"
+        such = such if key.endswith("_mm") else ""
         raise InputError(what, why, f"Give {unit} {bounds}{such}{known}.")
 
 

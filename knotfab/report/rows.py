@@ -11,7 +11,6 @@ from knotfab.report.summary import tell_share, told_iou
 from knotfab_formats.report import Report, Row
 from knotfab_formats.verdict import list_unmet
 
-# shares told from which a picture may be guessed, and is read, by whoever sees the piece unlit
 # how to ask for another way, and what it is like
 _WAYS = {
     "rounded": ("--plate rounded", "in a rounded plate, which is its screen,"),

@@ -57,7 +57,14 @@ def require_supports(scene: ResolvedScene) -> None:
         InputError: `why_supported`.
     """
     if scene.piece.supports == "none" and (why := why_supported(scene)) is not None:
-        raise InputError("a piece without supports (--supports none)", *why)
+        raise InputError(name_standing(scene), *why)
+
+
+def name_standing(scene: ResolvedScene) -> str:
+    """Name a piece that is to print without supports, by the option that asks for it."""
+    if scene.mount.on_feet:
+        return f"a piece on its own feet, without supports (--plate {scene.mount.plate})"
+    return "a piece without supports (--supports none)"
 
 
 def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
