@@ -89,8 +89,9 @@ def _list_likeness(report: Report) -> Iterator[Row]:
     said = f"{tell_share(ious[least])} alike" + (" in the frame" if standing else "")
     if len(views) > 1:
         said = f"{view.name}: {said}, the least of {len(views)}"
-    if view.bending is not None and view.iou_drawn is not None:
-        said += f", {tell_share(view.iou_drawn)} with it as bent"
+    if view.iou_drawn is not None:
+        drawn = "it as bent" if view.bending is not None else "its strokes as wide as drawn"
+        said += f", {tell_share(view.iou_drawn)} with {drawn}"
     if (off := view.misplacement) is not None and off.worst is not None:
         apart = None if mount is None else mount.threads_apart_mm
         said += f"; {off.worst.fitted:.0%} with {tell_move(off.worst, off, view.kind, apart)}"

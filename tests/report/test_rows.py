@@ -17,7 +17,7 @@ OFF = {
     "parting_px": 2.0, "lamp_mm": 5.0, "turn_deg": 1.0, "iou": 0.95, "samples": 7, "lamp_iou": {},
     "worst": {"of": "turn", "way": "up", "raw": 0.9, "fitted": 0.966},
 }  # fmt: skip
-SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60.0, "other": None}
+SUPPORTS = {"asked": "auto", "way": "none", "why": "", "hours": 2.0, "grams": 60.0}
 
 
 ROOTS = {
@@ -55,6 +55,8 @@ def rows(**sections: Any) -> dict[str, Row]:
 # sections of a report, a row, and what it holds
 TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
     ({"views": [view(0.99962)]}, "likeness", {"value": 0.99962, "text": "99.9% alike"}),
+    ({"views": [view(0.1, iou_drawn=0.91)]}, "likeness",
+     {"text": "10.0% alike, 91.0% with its strokes as wide as drawn"}),
     ({"views": [view(0.9), view(0.8, name="side")]}, "likeness",
      {"where": "side", "text": "side: 80.0% alike, the least of 2"}),
     ({"views": [{"iou": 0.7, "iou_frame": 0.95}], "print": {"mount": {"kind": "stand"}}}, "likeness",
