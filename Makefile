@@ -79,9 +79,10 @@ all-tests: system slicer browser $(DONE)
 test-quick: $(DONE)
 	$(PYTEST) -m "not build and not slow and not study"
 
-# the pages of docs/ as a site that can be searched, in out/site; a broken link or a page outside the menu ends it
+# the pages of docs/ as a site that can be searched, in out/site, with the schema of scene.toml; a broken link or a page outside the menu ends it
 docs: $(DONE)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build -q
+	@$(BIN)/knotfab schema >out/site/scene.schema.json
 	@echo "$(BIN)/python -m http.server -d out/site shows it at http://localhost:8000"
 
 # ten pieces worth hanging, and their page (about 20 min; an interrupted run goes on where it was)
@@ -150,7 +151,7 @@ mutations: system $(DONE)
 	$(BIN)/cosmic-ray exec out/mutations.toml out/mutations.sqlite
 	$(BIN)/cr-report out/mutations.sqlite
 
-# what accuracy costs in time: whole builds of six pictures; an interrupted run goes on
+# what accuracy costs in time: whole builds of the knight with --print, of it and the cat without; an interrupted run goes on
 frontier: $(DONE)
 	$(BIN)/python -m benchmarks.frontier --write docs --time-limit 25m
 

@@ -91,7 +91,8 @@ def print_summary(outcome: Outcome, verbose: bool = False) -> None:
     console.print(
         f"{status}{_format_verdict(report)}  in {seconds:.0f} s: open {folder}/report.html"
     )
-    for row in (report.rows or ())[: None if verbose else _MOST_ROWS]:
+    most = _MOST_ROWS - (outcome.exit_code == 3)  # whose line stands below
+    for row in (report.rows or ())[: None if verbose else most]:
         colour = {"fail": "red", "warn": "yellow"}.get(row.status)
         mark = f"[{colour}]{row.status}:[/] " if colour else ""
         console.print(f"  {mark}{escape(row.text)}")

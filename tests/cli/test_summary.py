@@ -40,6 +40,8 @@ def test_eight_lines_say_how_a_build_ended(
     assert (word or "pass") in first and first.endswith("open out/report.html")
     assert ("warning" in first) == (word in ("coarse", "not recognisable"))
     assert second == "  warn: front: unsure." and len(rest) == 6
+    print_summary(outcome(word, code=3, **many))
+    assert len(capsys.readouterr().out.splitlines()) == 8
     print_summary(outcome(word, **many), verbose=True)
     assert "note 19" in capsys.readouterr().out
 
