@@ -370,6 +370,7 @@ STAND = {
 SLICED = {
     "program": "PrusaSlicer", "version": "2.5.0", "time_s": 91031.0, "filament_m": 114.9,
     "filament_g": 342.9, "support_m": 28.725, "layers": 745, "objects": 1,
+    "retractions": 31548, "starts_per_layer": 61.27,
     "warnings": [{"text": "low <bed> adhesion", "explanation": "the brim settles it", "settled": True}],
     "checks": [{"name": "bed", "status": "pass", "measured": -7.0, "limit": 0.0, "unit": "mm",
                 "detail": "keeps 7 mm"}],
@@ -398,7 +399,15 @@ def test_the_mounts_figures_and_drawings() -> None:
 
 def test_the_slicers_figures_and_warnings() -> None:
     text = fabrication_page(slicer=SLICED).text
-    for part in ("25 h 18 min", "25 %", "745", "low <bed> adhesion", "the brim settles it"):
+    for part in (
+        "25 h 18 min",
+        "25 %",
+        "745",
+        "31\u202f548",
+        "61.3",
+        "low <bed> adhesion",
+        "the brim settles it",
+    ):
         assert part in text
     assert "keeps 7 mm" in text
     quiet = fabrication_page(slicer={**SLICED, "warnings": []}).text
