@@ -53,17 +53,18 @@ def main(arguments: list[str] | None = None, began: float | None = None) -> None
     why = why_unsaid()
     if why is not None:
         print(f"knotfab: {why}", file=sys.stderr)
-    if code and arguments is None:
+        code = code or 3
+    if arguments is None:
         atexit.register(_leave, code)
     gc.freeze()  # a last collection would take a second, and the process ends anyway
-    sys.exit(code or (0 if why is None else 3))
+    sys.exit(code)
 
 
 def _leave(code: int) -> None:
     """End the process with `code` after all other exit handlers, without Python's own ending.
 
-    That would end by SIGINT after an interrupt while torch loads, and would let nanobind list what an
-    error's frames still hold.
+    That would end by SIGINT after an interrupt while torch loads, and would let nanobind list what is still
+    held: by an error's frames, or since the collector looked rarely while loops were compiled.
     """
     atexit.unregister(_leave)
     atexit._run_exitfuncs()
