@@ -149,12 +149,9 @@ def test_an_onlooker_reads_a_flat_piece_and_not_a_ball(
 
 @pytest.mark.study
 def test_onlookers_say_what_a_person_said_of_forty_views() -> None:
-    found = measure_views()
-    named = WORDS == 2
-    assert tell_apart(found["onlooker"], named) > 0.8
-    assert tell_apart(found["z"], named) > 0.75
-    assert tell_apart(found["stretched"], named) < 0.3  # among pictures it says the opposite
-    assert spearmanr(found["onlooker"], found["z"])[0] > 0.7
+    told, onlooker = measure_views().values()
+    assert min(tell_apart(measure, WORDS == 2) for measure in (told, onlooker)) > 0.8
+    assert spearmanr(onlooker, told)[0] > 0.8
 
 
 def test_what_a_profile_costs_is_the_same_whatever_it_may_cost(
