@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from questions import ask_heart
+from questions import ask_heart, ask_views
+from shapely import MultiPolygon, box
 
 from knotfab.base.arrays import Mask
 from knotfab.design.frames import frame_view, framed_alike, size_frames, spread_views, widen_targets
+from knotfab.design.question import _require_lamps
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import drop_specks
 from knotfab.scene.catalogue import asked_for, resolve
@@ -148,3 +151,15 @@ def test_dust_is_left_out_and_told(mask: Mask, keys: dict[str, int], left: int) 
     if not left:
         least, _ = map(int, re.findall(r"--specks (\d+)", cleaned.notes[0]))
         assert (drop_specks(mask, least) == cleaned.mask).all()
+
+
+@pytest.mark.parametrize(("turned", "beyond"), [(90.0, True), (30.0, False), (180.0, False)])
+def test_what_reaches_far_beyond_anothers_lamp_is_refused(turned: float, beyond: bool) -> None:
+    """A picture's half width counts by its share towards the other's lamp; none at 180 degrees."""
+    near = ask_views([MultiPolygon([box(-50, -50, 50, 50)])] * 2, 0.0, turned).views
+    light = near[0].view.light_distance_mm
+    wide = 2.1 * light
+    views = ask_views([MultiPolygon([box(-wide, -50, wide, 50)])] * 2, 0.0, turned).views
+    _require_lamps(near)
+    with pytest.raises(InputError, match="--lamp-distance") if beyond else nullcontext():
+        _require_lamps(views)

@@ -222,8 +222,11 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-# the dearest two, for which others stand: grams of another picture, and what a machine lacks
-DEAR = "cat.png --print --max-grams 25", "heart.png --device cuda"
+# the dearest, for which others stand: grams of another picture, what a machine lacks, a size in test_question
+DEAR = (
+    *("cat.png --print --max-grams 25", "heart.png --device cuda"),
+    "heart.png teapot.png --size 2000",
+)
 
 
 @pytest.mark.parametrize(
