@@ -22,7 +22,7 @@ from knotfab.base.arrays import Array
 from knotfab.base.progress import Progress
 from knotfab.design.budget import Budget
 from knotfab.design.design import Design, plan_searches, price_design, settle_design
-from knotfab.design.motion import lay_over, outline_motion, pair_pieces
+from knotfab.design.motion import lay_over, pair_pieces, wall_motion
 from knotfab.design.question import Question, ask, silhouette_polygon
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.settings import place_start
@@ -187,7 +187,7 @@ class Chain:
             self._questions = [ask(_rename_view(within, t), [t]) for t in targets]
             polygons = [question.problem.polygons[0] for question in self._questions]
             self._outlines = [
-                outline_motion(p, q, self._count) * first.scene.views[0].magnification
+                wall_motion(first.scene.views[0], p, q, self._count)
                 for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
             ]
         self._settings, self._radius, self._why = first.settings, radius, first.result.log.template
@@ -341,7 +341,7 @@ def frame_search(
     (old, new), axes = (one.polygons[0] for one in problems), problem.views[0].axes
     view = problem.views[0].view
     light = view.light_distance_mm
-    furthest = view.magnification * outline_motion(old, new, len(types)) + 0.5 * radius
+    furthest = wall_motion(view, old, new, len(types)) + 0.5 * radius
     moved = transport(before.points @ axes.T, rings, old, new, light, radius, furthest)
     log.accepted, log.refused = moved.steps, moved.refused
     log.add_margin(moved.least_margin)

@@ -12,6 +12,7 @@ from shapely import MultiPolygon, Polygon, affinity
 
 from knotfab.base.arrays import Array
 from knotfab.picture.silhouette import polygon_iou
+from knotfab_formats.scene import ResolvedView
 
 _BETTER = 0.05  # IoU that a shift or stretch must gain
 
@@ -45,6 +46,11 @@ def outline_motion(old: MultiPolygon, new: MultiPolygon, knots: int = 1) -> floa
     """
     pairs = pair_pieces(old, new, knots)
     return max(max(_furthest(p, q), _furthest(q, p)) for p, q in pairs)
+
+
+def wall_motion(view: ResolvedView, old: MultiPolygon, new: MultiPolygon, knots: int) -> float:
+    """Return how far the outlines of two silhouettes of a view are apart on its wall, mm."""
+    return view.magnification * outline_motion(old, new, knots)
 
 
 def _furthest(one: MultiPolygon, other: MultiPolygon) -> float:

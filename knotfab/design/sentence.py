@@ -19,10 +19,7 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 _SMALL = 0.6  # share of a picture's sides below which its drawing is offered alone
 _LONG_H = 48.0  # a print that takes longer is offered a smaller size
 _PLATES = {"roots": "in roots", "outline": "in a plate of its outline"}
-GUESSED_TOLD, READ_TOLD = (
-    0.25,
-    0.5,
-)  # shares told from which on a picture may be guessed, and is read
+GUESSED_TOLD, READ_TOLD = 0.25, 0.5  # told from which on a picture may be guessed, and is read
 OPEN_HOLDER = "on the holder that costs least"
 _MOUNTS = {"wall": "on pegs", "stand": "on a stand", "hang": "on threads", "none": "with no holder"}
 

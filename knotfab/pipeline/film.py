@@ -13,7 +13,7 @@ from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.design.budget import Budget
 from knotfab.design.film import Chain, SequenceFrame, measure_motion
-from knotfab.design.motion import outline_motion
+from knotfab.design.motion import wall_motion
 from knotfab.design.question import silhouette_polygon
 from knotfab.knots import count_in_words, read_knots
 from knotfab.limits.feasibility import LEAST
@@ -95,10 +95,9 @@ def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> li
         outlines.append(silhouette_polygon(piece.scene.views[0], piece.targets[0]))
     knots = pieces[0].made.knots
     ahead = [*range(1, len(pieces)), 0]
-    larger = pieces[0].scene.views[0].magnification
+    view = pieces[0].scene.views[0]
     ways = [
-        larger * outline_motion(outlines[k], outlines[n], len(knots.knots))
-        for k, n in enumerate(ahead)
+        wall_motion(view, outlines[k], outlines[n], len(knots.knots)) for k, n in enumerate(ahead)
     ]
     return [
         measure_motion(points[k], points[n], ways[k], knots.radius_mm) for k, n in enumerate(ahead)
