@@ -39,6 +39,7 @@ from examples.pictures import pictures
 from knotfab.design.survey import GUESSED
 from knotfab.picture.source import TEXT_PREFIX
 from knotfab.pipeline.finish import SAME_TUBE
+from paper.pictures import PUBLISHED, paper_pictures
 
 Report = Mapping[str, Any]
 Row = dict[str, float | str]
@@ -113,6 +114,7 @@ COLUMNS: dict[str, Callable[[Report], float | str]] = {
     "moved": lambda r: r["colours"]["misregistration"]["share"],
     "delta_e": lambda r: r["colours"]["delta_e"],
     "failed": lambda r: " ".join(failed_checks(r)) or "-",
+    "published": lambda r: PUBLISHED[r["title"]],
     "warned": lambda r: float(any("preview" in told for told in r.get("warnings") or ())),
 }
 """What is read from report.json, by the column's name."""
@@ -249,6 +251,11 @@ TABLES = {
         names=_several,
         options=_PLAIN,
     ),
+    "paper": Table(
+        ("code", "iou", "published", "failed", "wall_s"),
+        names=lambda: list(PUBLISHED),
+        options=_PLAIN,
+    ),
     "lamps": Table(
         ("code", "cpu_s", "word", "colours", "inside", "moved", "delta_e", "iou", "knots"),
         names=lambda: list(COLOURED),
@@ -268,7 +275,11 @@ def draw_picture(name: str) -> Image.Image:
     if "," in name:
         return next(drawn for named, drawn, _ in draw_photographs(name) if named == name)
     drawn = pictures()
-    return drawn[name] if name in drawn else (small_pictures() | line_pictures([name]))[name]
+    return (
+        drawn[name]
+        if name in drawn
+        else (small_pictures() | line_pictures([name]) | paper_pictures())[name]
+    )
 
 
 def build_row(

@@ -10,7 +10,6 @@ table has the printed sum.
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -26,8 +25,10 @@ from benchmarks.measurement import run_study
 from examples.pictures import pictures
 from knotfab.apps.paper.outlines import render_outlines
 from knotfab.base.arrays import Array
+from knotfab.geometry.measures import strand_gap
+from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.picture.silhouette import resample_mask
-from paper.camera import Curve, camera_around, circle, even_ring, paper_camera
+from paper.camera import Curve, camera_around, circle, even_ring, paper_camera, viviani
 from paper.losses import Region, box, squared_curvature
 from paper.optimise import PaperView, iou, search_paper
 from paper.settings import PAPER, PaperSettings
@@ -88,35 +89,18 @@ def _views(target: Tensor) -> list[PaperView]:
     return [PaperView(paper_camera(width=PIXELS, height=PIXELS), target)]
 
 
-def _viviani(places: Tensor, apart: float = 0.0) -> Tensor:
-    """Return Viviani's curve about the origin, of diameter 2; its crossing drawn open by `apart`."""
-    t = 4 * math.pi * places
-    x = 0.5 * t.cos() + 0.5 * apart * (t / 2).cos()
-    return torch.stack([x, 0.5 * t.sin(), (t / 2).sin()], -1)
-
-
 def _viviani_views(radius: float) -> list[PaperView]:
     """Cast the curve's shadows along three axes (parallel, as in the paper), seen in perspective."""
     middle = torch.tensor([0.0, 0.0, 3.0], dtype=torch.float64)
     views = []
     for axis, (azimuth, elevation) in enumerate([(90.0, 0.0), (0.0, 90.0), (0.0, 0.0)]):
         camera = camera_around((0, 0, 3), 3.0, azimuth, elevation, width=PIXELS, height=PIXELS)
-        flat = _viviani(even_ring(1000))
+        flat = viviani(even_ring(1000))
         flat[:, axis] = 0
         flat = flat + middle
         image = render_outlines(flat, flat.roll(-1, 0), camera, radius, 1e4)
         views.append(PaperView(camera, (image > 0.5).double()))
     return views
-
-
-def _clearance(knot: Array, radius: float) -> float:
-    """Return the least distance of strands (further than pi r apart along the knot) in tube diameters."""
-    edge = np.linalg.norm(np.roll(knot, -1, 0) - knot, axis=1)
-    along = np.concatenate([[0.0], np.cumsum(edge)])[:-1]
-    way = np.abs(along[:, None] - along[None])
-    way = np.minimum(way, edge.sum() - way)
-    d = np.linalg.norm(knot[:, None] - knot[None], axis=-1)
-    return float(np.where(way > math.pi * radius, d, np.inf).min() / (2 * radius))
 
 
 def _search(
@@ -130,7 +114,7 @@ def _search(
     templates = None if template is None else [template]
     found = search_paper(views, settings, templates=templates, region=region)
     knot = torch.as_tensor(found.knots[0])
-    radius = settings.radius
+    radius, ring = settings.radius, polylines_of_sizes((len(knot),))
     bends = squared_curvature(knot[None])[0]
     image = render_outlines(knot, knot.roll(-1, 0), views[0].camera, radius, settings.tau)
     figures = {
@@ -138,7 +122,7 @@ def _search(
         "length": float((knot.roll(-1, 0) - knot).norm(dim=1).sum()),
         "bend95": float(bends.quantile(0.95)),
         "outside": float((radius - region(knot)).max().clamp_min(0)),
-        "clearance": _clearance(found.knots[0], radius),
+        "clearance": strand_gap(found.knots[0], ring, 2 * radius, 10.0).gap / (2 * radius),
         "cpu_s": found.cpu_seconds,
     }
     return Row(label, figures, views[0].target.numpy(), image.numpy(), found.knots[0])
@@ -169,7 +153,7 @@ def _mobius(base: PaperSettings) -> Iterator[Row]:
     views = _viviani_views(base.radius)
     for weight in (0.0, 1e-2, 1e-1, 1.0):
         weighed = base.model_copy(update={"mobius_weight": weight})
-        yield _search(f"w_mob = {weight:g}", views, weighed, CUBE, lambda s: _viviani(s, 0.3))
+        yield _search(f"w_mob = {weight:g}", views, weighed, CUBE, lambda s: viviani(s, 0.3))
 
 
 def _renderings(pairs: list[tuple[str, int, float]]) -> Iterator[Row]:

@@ -1,4 +1,4 @@
-"""The paper's camera by its place, turn and focal lengths, and its template with points sampled on it.
+"""The paper's camera by its place, turn and focal lengths, and closed curves with points sampled on them.
 
 Paper, section 3.1. The image plane is z = f_z, and the picture covers |x| <= f_x, |y| <= f_y of it, pixel
 centres on its edges included. Lengths are in the paper's own unit.
@@ -81,6 +81,13 @@ def circle(radius: float = 1.0, middle: Triple = (0.0, 0.0, 0.0)) -> Curve:
         return radius * flat + torch.tensor(middle).to(flat)
 
     return at
+
+
+def viviani(places: Tensor, apart: float = 0.0) -> Tensor:
+    """Return Viviani's curve about the origin, of diameter 2; its crossing drawn open by `apart`."""
+    t = 4 * pi * places
+    x = 0.5 * t.cos() + 0.5 * apart * (t / 2).cos()
+    return torch.stack([x, 0.5 * t.sin(), (t / 2).sin()], -1)
 
 
 def random_ring(count: int, generator: torch.Generator) -> Tensor:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.ndimage import distance_transform_edt
 from scipy.optimize import least_squares
 from torch import Tensor
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.polylines import Polylines
+from knotfab.picture.silhouette import signed_distance
 from knotfab.problem import ViewNumbers
 from knotfab.render.device import render
 from knotfab.render.image import CUTOFF
@@ -49,7 +49,7 @@ def fit_view(
     pose.keep(points)
     p = torch.as_tensor(points, dtype=target.dtype)
     q = p[torch.as_tensor(rings.next)]
-    distance = _signed_distance(target)
+    distance = torch.as_tensor(signed_distance(target.numpy() > 0.5), dtype=target.dtype)
     losses = []
     for iteration in range(iterations):
         progress = iteration / max(1, iterations - 1)
@@ -110,10 +110,3 @@ def _projected_radius(numbers: ViewNumbers, sheet: Sheet) -> float:
     """Return the tube's radius at the middle of the piece, in pixels on the receiver."""
     share = 1.0 + numbers.wall_distance_mm / numbers.light_distance_mm
     return numbers.radius_mm * share / sheet.pixel_mm
-
-
-def _signed_distance(target: Tensor) -> Tensor:
-    """Return [height, width] distance to the outline of the half-covered picture, px, positive inside."""
-    inside = target.cpu().numpy() > 0.5
-    signed = distance_transform_edt(inside) - distance_transform_edt(~inside)
-    return torch.as_tensor(signed - 0.5 * np.sign(signed), dtype=target.dtype)

@@ -29,7 +29,12 @@ class Section:
 
 
 SECTIONS: dict[str, Section] = {
-    "kind": Section("pictures of the paper's kind beside its published IoU", "paper.kind", 4),
+    "kind": Section(
+        "pictures of the paper's kind beside its published IoU",
+        "benchmarks.build_table",
+        4,
+        ("paper", *OUT),
+    ),
     "searches": Section("inn, flow and both: IoU against seconds", "paper.search_compare", 6),
     "knots": Section(
         "knots of the table tied into one picture", "benchmarks.build_table", 5, ("knots", *OUT)

@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 import torch
 from PIL import Image
+from torch import Tensor
 
 from benchmarks.build_table import draw_sheet
 from benchmarks.measurement import Stopwatch, run_study
-from knotfab.base.arrays import Array
 from knotfab.pipeline.build import build
 from knotfab.render.capsules import tensor_frame
 from knotfab.render.device import render
@@ -26,16 +26,10 @@ from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Accuracy, Piece
 from knotfab_formats.scene import ResolvedView, Scene
+from paper.camera import even_ring, viviani
 
-RADIUS_MM = 2.0
+A_MM, RADIUS_MM = 28.0, 2.0
 _FRAME_MM, _PIXELS = 160.0, 640
-
-
-def viviani(a_mm: float, count: int = 600) -> Array:
-    """Return (count, 3) points of the curve, mm, about its middle, with z of the formula upwards."""
-    t = 4 * np.pi * np.arange(count) / count
-    x, y, z = a_mm * np.cos(t), a_mm * np.sin(t), 2 * a_mm * np.sin(t / 2)
-    return np.column_stack([y, z, x])
 
 
 def views_of_viviani() -> tuple[ResolvedView, ...]:
@@ -54,10 +48,9 @@ def views_of_viviani() -> tuple[ResolvedView, ...]:
     )
 
 
-def draw(points: Array, view: ResolvedView, path: Path) -> None:
-    """Draw the tube's shadow in a view, black on white."""
+def draw(p: Tensor, view: ResolvedView, path: Path) -> None:
+    """Draw the shadow in a view, black on white, of the tube about points [n, 3], mm."""
     frame = tensor_frame(frame_of(camera_of(view, _PIXELS, _PIXELS)), torch.float64)
-    p = torch.as_tensor(points)
     seen = render(p, p.roll(-1, 0), frame, RADIUS_MM, 20.0, 5.0) > 0.5
     Image.fromarray(np.where(seen.numpy(), 0, 255).astype(np.uint8)).save(path)
 
@@ -66,8 +59,9 @@ def rebuild(folder: Path, start: str = "circle", printing: bool = False) -> Outc
     """Draw the pictures into `folder` and build a part from them; `start` is "filling" or "circle"."""
     folder.mkdir(parents=True, exist_ok=True)
     views = views_of_viviani()
+    curve = 2 * A_MM * viviani(even_ring(600))[:, [1, 2, 0]]  # z of the formula upwards
     for view in views:
-        draw(viviani(28.0), view, folder / view.picture)
+        draw(curve, view, folder / view.picture)
     scene = Scene(
         piece=Piece(tube_radius_mm=RADIUS_MM),
         views=views,

@@ -16,7 +16,7 @@ from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.compiled import compiled
 from knotfab.design.hull import rays_within
 from knotfab.picture.bending import COLUMNS, ROWS, spline_basis
-from knotfab.picture.silhouette import fit_size, holes_of, sample_mask
+from knotfab.picture.silhouette import fit_size, holes_of, sample_mask, signed_distance
 from knotfab.scene.camera import Camera, Plane
 
 _SIDE_PX = 96  # longer side of the pictures that are bent, px
@@ -242,9 +242,7 @@ def _signed_distance(mask: Mask, width: int, height: int) -> Array:
 
     wide, high = fit_size(width, height, _FINE_PX)
     fine = np.asarray(Image.fromarray(mask).convert("L").resize((wide, high), Image.Resampling.BOX))
-    there = np.pad(fine >= 128, 1)
-    signed = (distance_transform_edt(there) - distance_transform_edt(~there))[1:-1, 1:-1]
-    signed = signed - 0.5 * np.sign(signed)
+    signed = signed_distance(np.pad(fine >= 128, 1))[1:-1, 1:-1]
     small = Image.fromarray(signed.astype(np.float32)).resize((width, height), Image.Resampling.BOX)
     return np.asarray(small, dtype=np.float64) * (width / wide)
 

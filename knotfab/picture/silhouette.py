@@ -244,6 +244,14 @@ def sample_mask(mask: Mask, width: int, height: int) -> Mask:
     return resample_mask(mask, width, height) >= _HALF
 
 
+def signed_distance(mask: Mask) -> Array:
+    """Return the distance of pixels' centres (H, W) to a mask's outline, px, positive inside."""
+    from scipy.ndimage import distance_transform_edt
+
+    signed = distance_transform_edt(mask) - distance_transform_edt(~mask)
+    return np.asarray(signed - 0.5 * np.sign(signed))
+
+
 def opened_share(mask: Mask, radius: float = USUAL_SHARE, longer_px: int = 320) -> float:
     """Return the share of a mask that its opening by a tube keeps, by default by a usual one.
 
