@@ -35,14 +35,16 @@ PRINTS: tuple[tuple[str, Options], ...] = (
     ("bare, without supports", {"supports": "none", "mount": "none"}),
     ("bare, with supports", {"supports": "slicer", "mount": "none"}),
 )
+_NETWORK = {"method": "inn+flow", "network_depth": 4, "network_width": 32}
 KNOBS: tuple[dict[str, Any], ...] = (  # keys of [search], each set beside those of the middle
     {"coarse_px": 128}, {"coarse_px": 256}, {"fine_px": 384}, {"fine_px": 1024},
     {"edge_radii": 0.6}, {"settle_edge_radii": 0.6}, {"settle_edge_radii": 0.3},
     {"winners_every": 8}, {"winners_every": 1}, {"tau": 12.0}, {"tau": 36.0}, {"precision": "double"},
-    {"renderer": "capsule"}, {"depth_candidates": 100}, {"depth_candidates": 600},
+    {"renderer": "capsule"}, {"renderer": "ellipse"}, {"depth_candidates": 100}, {"depth_candidates": 600},
     {"radius_candidates": 4}, {"radius_give": 0.02}, {"radius_give": 0.0}, {"radius_from": 0.75},
     {"tolerance_px": 1.0}, {"tolerance_px": 0.1}, {"outline_px": 1.0, "mesh_sides": 16}, {"grace": 0.0},
-    {"method": "inn+flow", "network_depth": 4, "network_width": 32},
+    _NETWORK, {**_NETWORK, "network_iterations": 100}, {**_NETWORK, "network_rate_radii": 0.1},
+    {**_NETWORK, "network_start": "circle"},
 )  # fmt: skip
 _TIMES = (0.5, 2.0)  # of all iterations
 _SHARES = (0.75, 1.3)  # of the depth and the radius that a build chooses

@@ -91,7 +91,7 @@ def test_the_front_has_what_nothing_beats(printed: bool, tmp_path: Path) -> None
 def test_every_setting_of_the_search_is_measured() -> None:
     ways = list_ways(MIDDLE, "standard", False)
     turned = {key for _, options in ways for key in options.get("search", {})}
-    own = {k for k in SearchSettings.model_fields if not k.startswith(("free_", "network_"))}
+    own = {k for k in SearchSettings.model_fields if not k.startswith("free_")}
     assert own - NO_TRADE <= turned
     for knob in KNOBS:
         assert MIDDLE.but(**knob) != MIDDLE  # each is one that the model takes, and another
