@@ -1,7 +1,8 @@
 """The attempts of a build: plans yield them one by one, and one loop makes, times, tells and records them.
 
 A plan is a generator: it yields an attempt, gets what came of it, and decides on the next. Its last word is
-the best that was made. `design.design` plans searches, `pipeline.plan` supports, places and holders.
+the best that was made. `design.design` plans searches, `pipeline.plan` supports, places and holders, and
+`pipeline.film` the frames of a sequence.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Attempt(Protocol):
     @property
     def why(self) -> str: ...
     def make(self) -> Any:
-        """Make it. Raises SceneError where it cannot be."""
+        """Make it; what is made may say how it `ended`. Raises SceneError where it cannot be made."""
 
     def judge(self, made: Any) -> str:
         """Tell in a few words what came of it."""
@@ -67,11 +68,10 @@ class Search:
 
 @dataclass
 class Attempts:
-    """All attempts of one build, in order. `because` says why the next plan follows on one that failed."""
+    """All attempts of one build, in order."""
 
     progress: Progress
     made: list[AttemptFigures] = field(default_factory=list)
-    because: str = ""
 
     def carry_out(self, plan: Steps[Found]) -> Found:
         """Make what a plan yields until it is done; return its last word."""
@@ -86,19 +86,23 @@ class Attempts:
             answer, failed = self._make(attempt)
 
     def _make(self, attempt: Attempt) -> tuple[Any, SceneError | None]:
-        why, self.because = attempt.why or self.because, ""
-        if self.made and why:
-            self.made[-1] = replace(self.made[-1], why_next=why)
+        if why := attempt.why:
+            self.made[-1:] = [replace(last, why_next=why) for last in self.made[-1:]]
             self.progress.say(f"{why[0].upper()}{why[1:]}: {attempt.what}")
-        answer, failed = None, None
+        answer, failed, ended = None, None, None
         begun, cpu = time.perf_counter(), cpu_seconds()
         try:
             answer = attempt.make()
-            outcome = attempt.judge(answer)
+            outcome, ended = attempt.judge(answer), getattr(answer, "ended", None)
         except SceneError as error:
             failed, outcome = error, f"{error.what}: {error.why}"
-        seconds = round(time.perf_counter() - begun, 2), round(cpu_seconds() - cpu, 2)
         self.made.append(
-            AttemptFigures(what=attempt.what, seconds=seconds[0], cpu_s=seconds[1], outcome=outcome)
+            AttemptFigures(
+                what=attempt.what,
+                seconds=round(time.perf_counter() - begun, 2),
+                cpu_s=round(cpu_seconds() - cpu, 2),
+                outcome=outcome,
+                ended=ended,
+            )
         )
         return answer, failed

@@ -187,7 +187,8 @@ class SearchResult:
 
     Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.
     `views` are those of the problem, or the one that a search with an unknown pose found, in whose axes
-    the knots stand (`numbers` says how that view is turned relative to the one asked for).
+    the knots stand (`numbers` says how that view is turned relative to the one asked for). `ended` tells
+    how many iterations and repairs there were, and why no more.
     """
 
     knots: Knots
@@ -199,6 +200,7 @@ class SearchResult:
     views: tuple[ResolvedView, ...] = ()
     numbers: ViewNumbers | None = None  # of a pose that the search found
     guards: Mapping[str, Guard] = field(default_factory=dict)  # by the limit's name
+    ended: str = ""
 
     @property
     def iou_estimate(self) -> float:

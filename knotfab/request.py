@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 from knotfab.base.errors import MachineError
 from knotfab.design.budget import Budget
+from knotfab.picture.frames import count_knots
 from knotfab.picture.read import Target
 from knotfab_formats.errors import InputError, plain
 from knotfab_formats.report import Report
@@ -65,18 +67,23 @@ class Request:
         left_open = mount.kind == "auto" and not mount.asked
         return self.printing and left_open and not self.sequence
 
-    def is_mounted(self, knots: int) -> bool:
-        """Return whether a piece of this many knots is printed with a mount."""
-        given = self.scene.mount.asked or self.scene.on_wall(knots)
+    def is_mounted(self, targets: Sequence[Target]) -> bool:
+        """Return whether a piece that draws these pictures is printed with a mount."""
+        scene = self.scene
+        if self.sequence:
+            knots = count_knots(targets, scene.piece.knots)
+        else:
+            knots = scene.count_knots(targets[0].pieces)
+        given = scene.mount.asked or scene.on_wall(knots)
         return self.printing and (given or self.chooses_holder)
 
-    def budget(self, spent_s: float, mounted: bool) -> Budget | None:
+    def budget(self, spent_s: float, targets: Sequence[Target]) -> Budget | None:
         """Return what is left of the time budget after `spent_s`; None without a budget."""
         if self.time_budget_s is None:
             return None
         after = _AFTER_S
         if self.printing:
-            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * mounted
+            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * self.is_mounted(targets)
         began = time.perf_counter() - spent_s
         left = self.time_budget_s * (1.0 if self.otherwise is None else _FIRST_SHARE)
         return Budget(began + left, after, _AFTER_VERTEX_S * len(self.scene.views), began)

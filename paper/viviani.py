@@ -17,7 +17,7 @@ from torch import Tensor
 
 from benchmarks.build_table import draw_sheet
 from benchmarks.measurement import Stopwatch, run_study
-from knotfab.pipeline.build import build
+from knotfab.pipeline.build import run_build
 from knotfab.render.capsules import tensor_frame
 from knotfab.render.device import render
 from knotfab.render.silhouette import frame_of
@@ -69,7 +69,7 @@ def rebuild(folder: Path, start: str = "circle", printing: bool = False) -> Outc
         search={"network_start": start},
     )
     pictures = tuple(view.picture for view in views)
-    return build(Request(resolve(scene), pictures, folder / "built", folder, printing))
+    return run_build(Request(resolve(scene), pictures, folder / "built", folder, printing))
 
 
 def main(

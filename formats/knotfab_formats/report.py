@@ -215,13 +215,15 @@ class FrameView(View):
 class AttemptFigures:
     """One attempt of a build: a search, a part, or a piece that is written and verified.
 
-    `cpu_s` are those of all its processes. `why_next` is why another attempt followed.
+    `cpu_s` are those of all its processes. `ended` tells how a search came to its end; what else is made is
+    made once. `why_next` is why another attempt followed.
     """
 
     what: str
     seconds: float
     cpu_s: float
     outcome: str
+    ended: str | None = None
     why_next: str | None = None
 
 

@@ -164,6 +164,10 @@ class Progress:
         """Announce the stages to come and their usual times, s, from which the time left is estimated."""
         self._usual, self._before = dict(usual), dict(self.timings)
 
+    def plan_again(self) -> None:
+        """Announce that the same stages come once more."""
+        self.plan(self._usual)
+
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time the block under `name`; a stage that comes again adds to its time.

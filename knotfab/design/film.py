@@ -7,7 +7,7 @@ its places in the frames beside it. No vertex is added.
 from __future__ import annotations
 
 import time
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,7 +33,7 @@ from knotfab.limits.terms import Felt, State, total_length
 from knotfab.picture.frames import count_knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
-from knotfab.plan import Attempts, Search, Steps
+from knotfab.plan import Search, Steps
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.require import require_sequence
 from knotfab.search.flow import FlowSettings, Phase, Plan, repair_phase, three_phases
@@ -113,11 +113,11 @@ class SequenceFrame:
 
 
 class Chain:
-    """Search the frames of a sequence, so that all have the same knots, vertices and tube radius.
+    """Plan the searches of a sequence's frames, so that all have the same knots, vertices and tube radius.
 
-    The frame with the most ink comes first (`pick_first`); the others follow, neighbour by neighbour, to the
-    end and then back to the beginning. Each vertex keeps within the motion bound of its neighbours, and in a
-    loop also within that across the seam.
+    In the `order` of their numbers the frame with the most ink comes first (`pick_first`); the others
+    follow, neighbour by neighbour, to the end and then back to the beginning. Each vertex keeps within the
+    motion bound of its neighbours, and in a loop also within that across the seam.
 
     Args:
         scene: of one view, as for `design_knots`. A free view is settled on the first frame, since
@@ -134,28 +134,30 @@ class Chain:
         scene: ResolvedScene,
         targets: Sequence[Target],
         device: str = "cpu",
-        attempts: Attempts | None = None,
+        progress: Progress | None = None,
         budget: Budget | None = None,
     ) -> None:
         require_sequence(scene)
         self._scene, self._targets, self._device = scene, targets, device
-        self._attempts = attempts or Attempts(Progress("quiet"))
-        self._progress, self._budget = self._attempts.progress, budget
+        self._progress, self._budget = progress or Progress("quiet"), budget
         self._closing = scene.sequence.loop
         self._count = count_knots(targets, scene.piece.knots)
         self._frames: dict[int, SequenceFrame] = {}
+        first, count = pick_first(targets), len(targets)
+        self.order = (*range(first, count), *range(first - 1, -1, -1))
 
-    def frames(self) -> Iterator[SequenceFrame]:
-        """Yield the frames as they are found, first the one with the most ink."""
-        first, count = pick_first(self._targets), len(self._targets)
-        for number in (*range(first, count), *range(first - 1, -1, -1)):
-            neighbour = number - 1 if number > first else number + 1
-            plan = self._plan(number, neighbour) if self._frames else self._plan_first(first)
-            found = self._frames[number] = self._attempts.carry_out(plan)
-            self._closing = self._closing and (found.way is None or found.way.closes)
-            yield found
+    def plan(self, number: int, why: str = "") -> Steps[SequenceFrame]:
+        """Plan the searches of a frame, the next in the `order`; `why` is for the first one's."""
+        if self._frames:
+            neighbour = number - 1 if number > self.order[0] else number + 1
+            found = yield from self._plan(number, neighbour)
+        else:
+            found = yield from self._plan_first(number, why)
+        self._frames[number] = found
+        self._closing = self._closing and (found.way is None or found.way.closes)
+        return found
 
-    def _plan_first(self, number: int) -> Steps[SequenceFrame]:
+    def _plan_first(self, number: int, why: str) -> Steps[SequenceFrame]:
         """Plan the search of the first frame from a template, and settle what all take from it."""
         scene, targets, progress = self._scene, self._targets, self._progress
         settings = scene.settings
@@ -180,7 +182,7 @@ class Chain:
             # a later frame takes 0.8 of the first one's time
             frame_s = self._budget.search_s(0) / (1.0 + 0.8 * (len(targets) - 1))
             share = Budget(time.perf_counter() + frame_s)
-        first = yield from plan_searches(asked, [target], self._device, progress, share)
+        first = yield from plan_searches(asked, [target], self._device, progress, share, why)
         # keep the region's file as the scene names it, and let each frame's picture set its required IoU
         within = first.scene.but(region=question.problem.region, accuracy=scene.accuracy)
         with progress.stage("search"):

@@ -8,7 +8,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -58,6 +58,7 @@ class SlicerQueue:
         self._timeout_s, self._program = timeout_s, program
         self.done = 0.0  # the share of the file that is sliced, 0 to 1
         self._ended, self._threads = threading.Event(), ThreadPoolExecutor(jobs)
+        self._asked: list[Future[Sliced | NotSliced]] = []
 
     def __enter__(self) -> SlicerQueue:
         return self
@@ -66,18 +67,18 @@ class SlicerQueue:
         self._ended.set()
         self._threads.shutdown(cancel_futures=True)
 
+    def forget(self) -> None:
+        """End the program if it runs, and drop the files that wait."""
+        self._ended.set()
+        wait([one for one in self._asked if not one.cancel()])
+        self._ended = threading.Event()
+        self._asked.clear()
+
     def submit(self, part_3mf: Path, scene: ResolvedScene) -> Future[Sliced | NotSliced]:
         """Queue a file that `write_3mf` wrote. Arguments are as for `slice_part`."""
-        return self._threads.submit(
-            slice_part,
-            part_3mf,
-            scene,
-            self._work,
-            self._timeout_s,
-            self._program,
-            self._ended,
-            self._hear,
-        )
+        given = self._work, self._timeout_s, self._program, self._ended, self._hear
+        self._asked.append(self._threads.submit(slice_part, part_3mf, scene, *given))
+        return self._asked[-1]
 
     def _hear(self, said: str) -> None:
         """Note the largest percentage that the program has printed; it goes back and forth."""

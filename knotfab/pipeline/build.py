@@ -5,14 +5,12 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import replace
 
-from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.pool import count_jobs
 from knotfab.base.progress import Progress
 from knotfab.hold.modeller import keep_modeller
-from knotfab.picture.frames import count_knots, read_frames
+from knotfab.picture.frames import read_frames
 from knotfab.picture.read import Target, read_targets
-from knotfab.pipeline.choose_supports import list_supports
 from knotfab.pipeline.verifier import Verifier
 from knotfab.plan import Attempts
 from knotfab.request import Outcome, Request, require_device
@@ -21,24 +19,6 @@ from knotfab_formats.libraries import recording
 
 
 def run_build(request: Request, progress: Progress | None = None) -> Outcome:
-    """Build what was asked (`build`) or, if that fails, the request's other scene if it has one."""
-    progress, why = progress or Progress("quiet"), ""
-    attempts = Attempts(progress)
-    with recording():
-        for way in list_supports(request):
-            try:
-                return build(replace(way, why_supported=why) if why else way, progress, attempts)
-            except SceneError as error:
-                if way.otherwise is None:
-                    raise
-                why = f"{error.what}: {error.why}"
-                attempts.because = f"built again with the slicer's supports, for without them {why}"
-    raise AssertionError("a request lists no way")
-
-
-def build(
-    request: Request, progress: Progress | None = None, attempts: Attempts | None = None
-) -> Outcome:
     """Build a piece, or the frames of a sequence: search, sweep, mount, pose, write, verify, slice, report.
 
     The folder then holds the files of the contract. What fails a required check is written whole to
@@ -48,43 +28,36 @@ def build(
         KnotfabError: with the exit code of its kind; nothing is left half-written.
     """
     progress, film = progress or Progress("quiet"), request.sequence
-    attempts = attempts or Attempts(progress)
+    attempts = Attempts(progress)
     require_device(request)
     if film:
         require_sequence(request.scene)
     else:
         progress.plan(_usual_seconds(request))
-    with OutputFolder(request.out) as folder, ExitStack() as stack:
+    with recording(), OutputFolder(request.out) as folder, ExitStack() as stack:
         for line in request.preview:
             progress.say(line)
         with progress.stage("picture"):
             targets = request.targets or _read_pictures(request)
-        scene = request.scene
-        knots = (
-            count_knots(targets, scene.piece.knots)
-            if film
-            else scene.count_knots(targets[0].pieces)
-        )
-        mounted = request.is_mounted(knots)
         # frames side by side, each with two processes to verify and one to slice
         jobs = min(len(targets), max(1, count_jobs() // 2)) if film else 1
         verifier = stack.enter_context(Verifier(request.skip, jobs=jobs))
         # imported only now, while the validators load in their own processes
         from knotfab.part.slicer import SlicerQueue
         from knotfab.pipeline.finish import finish_build
-        from knotfab.pipeline.plan import Workshop, plan_piece
+        from knotfab.pipeline.plan import Workshop, plan_piece, plan_supports
 
         slicer = stack.enter_context(SlicerQueue(jobs=jobs))
-        stack.enter_context(keep_modeller(mounted))
+        stack.enter_context(keep_modeller(request.is_mounted(targets)))
         shop = Workshop(targets, folder, verifier, slicer, progress)
-        left = request.budget(progress.total, mounted)
         if film:
-            from knotfab.pipeline.film import make_film
+            from knotfab.pipeline.film import plan_film
 
-            report, title, pieces = make_film(shop, request, left, attempts)
+            pieces, report = attempts.carry_out(plan_supports(shop, request, plan_film))
+            title = "a sequence"
         else:
-            piece, report = attempts.carry_out(plan_piece(shop, request, left))
-            title, pieces = " and ".join(target.shown for target in targets), [piece]
+            piece, report = attempts.carry_out(plan_supports(shop, request, plan_piece))
+            pieces, title = [piece], " and ".join(target.shown for target in targets)
         report = replace(report, attempts=tuple(attempts.made))
         return finish_build(folder, request, report, title, pieces, progress)
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.design.frames import frame_view
 from knotfab.picture.read import Target
-from knotfab.request import Request
 from knotfab.scene.require import name_standing, stand_alone, why_supported
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedScene
@@ -38,13 +36,6 @@ def choose_supports(
     if asked == "none":
         raise InputError(name_standing(scene), *refusal)
     return supported, None, refusal[0]
-
-
-def list_supports(request: Request) -> Iterator[Request]:
-    """Yield a request as it was chosen and, if that may fail without supports, with the slicer's."""
-    yield request
-    if request.otherwise is not None:
-        yield replace(request, scene=request.otherwise, otherwise=None)
 
 
 def _suit_roots(scene: ResolvedScene, targets: Sequence[Target]) -> bool:

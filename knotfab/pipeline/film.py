@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
-from knotfab.design.budget import Budget
 from knotfab.design.film import Chain, SequenceFrame, measure_motion
 from knotfab.design.motion import wall_motion
 from knotfab.design.question import silhouette_polygon
@@ -21,8 +20,8 @@ from knotfab.part.slicer_process import sum_slicings
 from knotfab.picture.frames import count_knots, tell_apart
 from knotfab.pipeline.finish import report_piece
 from knotfab.pipeline.piece import Settled, WrittenPiece
-from knotfab.pipeline.plan import Workshop, plan_places
-from knotfab.plan import Attempts
+from knotfab.pipeline.plan import Workshop, plan_places, tell_outcome
+from knotfab.plan import Steps
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
 from knotfab.report.supports import sum_supports
 from knotfab.request import Request
@@ -49,40 +48,64 @@ Line = TypeVar("Line", EffectLine, LimitLine)
 Named = TypeVar("Named", Check, EffectLine, LimitLine)
 
 
-def make_film(
-    shop: Workshop, request: Request, left: Budget | None, attempts: Attempts
-) -> tuple[Report, str, list[WrittenPiece]]:
-    """Search all frames as the same moving knots, and write and verify each as a separate part.
+@dataclass(frozen=True)
+class _Frame:
+    """A written frame to be reported, once it is verified and sliced."""
+
+    shop: Workshop
+    request: Request
+    piece: WrittenPiece
+    why: str = ""
+
+    @property
+    def what(self) -> str:
+        return f"piece of {self.piece.targets[0].name}"
+
+    def make(self) -> Report:
+        return report_piece(self.piece, self.shop.folder, self.request, self.shop.progress)
+
+    def judge(self, made: Report) -> str:
+        return tell_outcome(made)
+
+
+def plan_film(
+    shop: Workshop, request: Request, why: str = ""
+) -> Steps[tuple[list[WrittenPiece], Report]]:
+    """Plan all frames as the same moving knots, each written and verified as a separate part.
 
     Each frame has the files of a single piece, numbered (part-01.stl, …), and its own mount; scene.toml and
     report are of all. Frames are verified and sliced while later ones are searched.
 
     Returns:
-        The report of all, their title, and the frames.
+        The frames, and the report of all.
     """
     folder, progress, targets = shop.folder, shop.progress, shop.targets
     knots = count_knots(targets, request.scene.piece.knots)
     if (apart := tell_apart(targets, knots)) is not None:
         progress.say(apart)
     found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
-    for frame in Chain(request.scene, targets, request.device, attempts, left).frames():
-        one = [targets[frame.number]]
+    left = request.budget(progress.total, targets)
+    chain = Chain(request.scene, targets, request.device, progress, left)
+    for number in chain.order:
+        frame, one = (yield from chain.plan(number, why)), [targets[number]]
+        why = ""
         try:
-            plan = plan_places(request, one, frame.made, progress)
-            settled: Settled | str = attempts.carry_out(plan)
+            settled: Settled | str = yield from plan_places(request, one, frame.made, progress)
         except SceneError as error:
             settled = str(error)
         suffix = "-" + one[0].name.removeprefix("frame-")
-        found[frame.number] = frame, shop.write(request, one, frame.made, settled, suffix)
+        found[number] = frame, shop.write(request, one, frame.made, settled, suffix)
     frames, pieces = zip(*(found[number] for number in sorted(found)), strict=True)
     write_scene(folder, request.scene, pieces[0].scene)
-    reports = [report_piece(piece, folder, request, progress) for piece in pieces]
+    reports: list[Report] = []
+    for piece in pieces:
+        reports.append((yield _Frame(shop, request, piece)))
     with progress.stage("motion"):
         motions = _measure_motions(folder, pieces)
     closing = [check_closing(motions[-1])] if request.scene.sequence.loop else []
     with progress.stage("report"):
         whole = reports, pieces, frames, motions, [check_motion(motions[:-1]), *closing]
-        return _sequence_report(*whole, request), "a sequence", list(pieces)
+        return list(pieces), _sequence_report(*whole, request)
 
 
 def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:

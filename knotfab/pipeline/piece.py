@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
@@ -111,13 +109,3 @@ def write_piece(
     with progress.stage("part"):
         write_model(folder, part, scene, suffix)
     return WrittenPiece(made, scene, part, targets, suffix, answer, slicing, flattening, slicer)
-
-
-def discard_piece(piece: WrittenPiece, folder: OutputFolder, aside: Path | None = None) -> None:
-    """Remove all files of a piece, or move them `aside`, once no slicer reads them any more."""
-    if piece.slicing is not None and not piece.slicing.cancel():
-        wait([piece.slicing])
-    own = re.compile(rf"[a-z-]+{piece.suffix}\.\w+")
-    for path in list(folder.work.iterdir()):
-        if own.fullmatch(path.name):
-            path.unlink() if aside is None else path.rename(aside / path.name)

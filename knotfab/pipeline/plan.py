@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TypeVar
 
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
-from knotfab.design.budget import Budget
 from knotfab.design.design import Design, plan_searches
 from knotfab.geometry.tube import join_meshes
 from knotfab.hold.foot_plate import on_rounded
@@ -25,7 +25,7 @@ from knotfab.part.slicer_profile import write_profile
 from knotfab.picture.read import Target
 from knotfab.pipeline.finish import report_piece
 from knotfab.pipeline.held import WORDS, Guess, guess_holders
-from knotfab.pipeline.piece import Settled, WrittenPiece, discard_piece, write_piece
+from knotfab.pipeline.piece import Settled, WrittenPiece, write_piece
 from knotfab.pipeline.settle import (
     Place,
     depth_mm,
@@ -51,6 +51,7 @@ _SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
 ROUNDS = 2  # most further searches of a piece on one holder
 _HOLDERS = {"none": "no mount"} | {str(kind): told for kind, told in WORDS.items()}
 Made = tuple[WrittenPiece, Report]
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,13 @@ class Workshop:
             write_profile(self.folder.work, made.scene)
         work = self.folder, request, self.verifier, self.slicer, self.progress
         return write_piece(made, targets, settled, *work, suffix)
+
+    def clear(self, aside: Path | None = None) -> None:
+        """Remove all that was written, or move it `aside`, once neither slicer nor validators read it."""
+        self.slicer.forget()
+        self.verifier.forget()
+        for path in list(self.folder.work.iterdir()):
+            path.unlink() if aside is None else path.rename(aside / path.name)
 
     def finish(
         self, request: Request, made: Design, settled: Settled | str, note: str = ""
@@ -131,10 +139,32 @@ def _desk_mm(painter: PartPainter, part: Part) -> float | None:
     return float(painter.points[:, 1].min()) if part.mounted.stand is not None else None
 
 
-def plan_piece(shop: Workshop, request: Request, left: Budget | None) -> Steps[Made]:
+def plan_supports(
+    shop: Workshop, request: Request, plan: Callable[[Workshop, Request, str], Steps[Found]]
+) -> Steps[Found]:
+    """Plan what was asked and, where that fails and the request has another scene, plan that one.
+
+    Args:
+        plan: `plan_piece`, or `plan_film` for a sequence; called with why the plan follows on another.
+    """
+    if request.otherwise is None:
+        return (yield from plan(shop, request, ""))
+    try:
+        return (yield from plan(shop, request, ""))
+    except SceneError as error:
+        failed = f"{error.what}: {error.why}"
+    shop.clear()
+    shop.progress.plan_again()
+    other = replace(request, scene=request.otherwise, otherwise=None, why_supported=failed)
+    why = f"built again with the slicer's supports, for without them {failed}"
+    return (yield from plan(shop, other, why))
+
+
+def plan_piece(shop: Workshop, request: Request, why: str = "") -> Steps[Made]:
     """Plan one piece: its searches, then the places and holders on which it is tried."""
+    left = request.budget(shop.progress.total, shop.targets)
     made = yield from plan_searches(
-        request.scene, shop.targets, request.device, shop.progress, left
+        request.scene, shop.targets, request.device, shop.progress, left, why
     )
     if request.chooses_holder:
         return (yield from plan_holders(shop, request, made))
@@ -160,9 +190,7 @@ class _Piece:
         return self.shop.finish(self.request, self.design, self.settled, self.note)
 
     def judge(self, made: Made) -> str:
-        failed, verdict = list_failed(made[1]), made[1].verdict
-        word = "" if verdict is None else f", {verdict.word}"
-        return (f"failed: {', '.join(sorted(failed))}" if failed else "passes every check") + word
+        return tell_outcome(made[1])
 
 
 def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
@@ -183,15 +211,15 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
             why = f"{WORDS[guess.kind]}: {settled}"
             refused.append(f"{WORDS[guess.kind]} ({settled})")
             continue
-        shows = _shows(settled)
-        said = _tell_choice(guess, guesses, refused, shows)
+        dark = _tell_dark(settled)
+        said = _tell_choice(guess, guesses, refused, dark)
         done: Made = yield _Piece(shop, asked, settled[0], settled, said)
         unmet = list_failed(done[1])
         once = request.time_budget_s is not None or not made.result.feasible
         if once or (unmet and unmet == failed):
             return done
         if not unmet:
-            later = guesses[guesses.index(guess) + 1 :] if shows >= _SEEN_SHARE else []
+            later = guesses[guesses.index(guess) + 1 :] if dark else []
             price = guess.price(_word_of(done[1]))
             paler = [one for one in later if one.price() < price]
             if not paler:
@@ -200,7 +228,7 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
         failed = unmet
         why = f"{WORDS[guess.kind]} failed: {', '.join(sorted(unmet))}"
         refused.append(f"{WORDS[guess.kind]} (failed: {', '.join(sorted(unmet))})")
-        discard_piece(done[0], shop.folder)
+        shop.clear()
     asked, design = with_mount(request, made, "none")
     told = "; ".join(refused) or "none is known for this scene"
     if made.scene.piece.supports == "none":
@@ -229,29 +257,42 @@ def _plan_paler(
     dark: tuple[Made, float],
     others: Sequence[Guess],
 ) -> Steps[Made]:
-    """Plan the piece on the first other holder that does not show; keep it if its price is lower."""
+    """Plan the piece on the first other holder that does not show; keep it if its price is lower.
+
+    Else a note on the piece that is kept says what was tried besides, and why it was dropped.
+    """
     done, price = dark
-    why = "the shadow suffers on what takes less"
+    why = suffers = "the shadow suffers on what takes less"
+    dropped: list[str] = []
     for guess in others:
         asked, design = with_mount(request, made, guess.kind)
-        settled = yield from _settle_held(shop, asked, design, why)
-        if isinstance(settled, str) or _shows(settled) >= _SEEN_SHARE:
+        settled = yield from _settle_held(shop, asked, design, why, pale=True)
+        if isinstance(settled, str):
+            why = f"{WORDS[guess.kind]}: {settled}"
+            dropped.append(f"{WORDS[guess.kind]} ({settled})")
             continue
-        note = f"Held by {guess}, since {why}. --mount none leaves it out."
+        told = "; not ".join([str(guess), *dropped])
+        note = f"Held by {told}, since {suffers}. --mount none leaves it out."
         with TemporaryDirectory(dir=shop.folder.work.parent) as aside:
-            discard_piece(done[0], shop.folder, Path(aside))
+            shop.clear(Path(aside))
             other: Made = yield _Piece(shop, asked, settled[0], settled, note)
-            if not list_failed(other[1]) and guess.price(_word_of(other[1])) < price:
+            unmet = ", ".join(sorted(list_failed(other[1])))
+            if not unmet and guess.price(_word_of(other[1])) < price:
                 return other
-            discard_piece(other[0], shop.folder)
+            shop.clear()
             for path in Path(aside).iterdir():
                 path.rename(shop.folder.file(path.name))
+        lack = f"failed: {unmet}" if unmet else "a shadow no better by what it takes more"
+        dropped.append(f"{WORDS[guess.kind]} ({lack})")
         break
-    return done
+    tried = f"Tried as well, and not taken: {'; '.join(dropped)}."
+    return done[0], replace(done[1], notes=(*done[1].notes, tried))
 
 
-def _settle_held(shop: Workshop, request: Request, made: Design, why: str) -> Steps[Settled | str]:
-    """Plan the part on the requested mount, or say why that does not hold."""
+def _settle_held(
+    shop: Workshop, request: Request, made: Design, why: str, pale: bool = False
+) -> Steps[Settled | str]:
+    """Plan the part on the requested mount, or say why that does not hold or, if it must be `pale`, shows."""
     try:
         settled = yield from plan_places(request, shop.targets, made, shop.progress, why)
     except SceneError as error:
@@ -259,7 +300,7 @@ def _settle_held(shop: Workshop, request: Request, made: Design, why: str) -> St
     sag = settled[1].mounted.check_sag()
     if sag is not None and sag.status == "fail":
         return f"it sags {sag.measured:.2g} mm"
-    return settled
+    return (_tell_dark(settled) if pale else "") or settled
 
 
 @dataclass(frozen=True)
@@ -421,14 +462,22 @@ def search_again(
     return replace(again, radius=made.radius) if same else again
 
 
-def _shows(settled: Settled) -> float:
-    """Return the share of the picture's frame that a holder will darken, according to its plan."""
-    return settled[1].mounted.figures.predicted_intrusion or 0.0
+def _tell_dark(settled: Settled) -> str:
+    """Say how much of the picture's frame a holder will darken, by its plan; nothing if nobody sees it."""
+    shows = settled[1].mounted.figures.predicted_intrusion or 0.0
+    return "" if shows < _SEEN_SHARE else f"it darkens {100 * shows:.1f}% of the picture's frame"
 
 
 def list_failed(report: Report) -> set[str]:
     """Return the names of the required checks that failed."""
     return {check.name for check in list_unmet(report.checks) if check.status == "fail"}
+
+
+def tell_outcome(report: Report) -> str:
+    """Tell which required checks failed, and the verdict's word."""
+    failed = ", ".join(sorted(list_failed(report)))
+    word = "" if report.verdict is None else f", {report.verdict.word}"
+    return (f"failed: {failed}" if failed else "passes every check") + word
 
 
 def _word_of(report: Report) -> str:
@@ -445,15 +494,13 @@ def with_mount(request: Request, made: Design, kind: str) -> tuple[Request, Desi
     return replace(request, scene=asked), replace(made, scene=own)
 
 
-def _tell_choice(
-    guess: Guess, guesses: Sequence[Guess], refused: Sequence[str], shows: float
-) -> str:
+def _tell_choice(guess: Guess, guesses: Sequence[Guess], refused: Sequence[str], dark: str) -> str:
     """Say which holder was chosen and what it costs, which cost more, and why others do not hold.
 
     Args:
-        shows: the share of the picture's frame that the chosen one darkens.
+        dark: what the chosen one darkens, if that shows.
     """
     others = [f"more for {one}" for one in guesses[guesses.index(guess) + 1 :]]
     others += [f"not {one}" for one in refused]
-    dark = "" if shows < _SEEN_SHARE else f" It darkens {100 * shows:.1f}% of the picture's frame."
-    return f"Held by {'; '.join([str(guess), *others])}.{dark} --mount none leaves it out."
+    shows = f" {dark[0].upper()}{dark[1:]}." if dark else ""
+    return f"Held by {'; '.join([str(guess), *others])}.{shows} --mount none leaves it out."

@@ -6,7 +6,7 @@ import atexit
 import os
 import signal
 from collections.abc import Collection, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass
@@ -102,6 +102,11 @@ class Verifier:
         for verdict in self._asked:
             verdict.cancel()
         self._held.__exit__(None, None, None)
+
+    def forget(self) -> None:
+        """Drop the pieces that wait, and wait for those that are read, whose answers nobody wants."""
+        wait([verdict for verdict in self._asked if not verdict.cancel()])
+        self._asked.clear()
 
     def submit(self, files: Files, skip: Collection[str] = (), unit: str = "mm") -> Answer:
         """Submit the files of one piece.

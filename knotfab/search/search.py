@@ -95,6 +95,7 @@ def search(
         pace,
     )
     _settle_pose(state)
+    walked = state.iterations + (settings.network_iterations if plan.network else 0)
     repair(state, plan)
     return SearchResult(
         state.knots_at(state.points, state.rings),
@@ -106,7 +107,20 @@ def search(
         tuple(v.view for v in state.problem.views),
         state.numbers,
         state.guards,
+        _tell_end(state, walked, pace is not None),
     )
+
+
+def _tell_end(state: SearchState, walked: int, timed: bool) -> str:
+    """Tell what ended a search: its iterations, then repairs until every limit held, or the last there is."""
+    told = (
+        f"the {walked} iterations that there was time for" if timed else f"all {walked} iterations"
+    )
+    if repairs := state.log.repairs:
+        broken = state.breaks_limits(state.points)
+        until = "the most there are, in vain" if broken else "until every limit held"
+        told += f", then {repairs} rounds of repairs, {until}"
+    return told
 
 
 def _run_phases(

@@ -81,6 +81,7 @@ class SearchState:
     balance: Balance | None = None
     numbers: ViewNumbers | None = None  # of the pose, once it is settled
     watch: Watch | None = None
+    iterations: int = 0  # that the flow has run
 
     @property
     def limits(self) -> Limits:
@@ -258,6 +259,7 @@ def run_phase(
         own,
     )
     state.points = result.points
+    state.iterations += len(result.losses)
     state.log.accepted += result.accepted
     state.log.shortened += result.shortened
     state.log.refused += result.refused

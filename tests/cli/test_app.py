@@ -183,7 +183,7 @@ def test_a_mount_is_printed(
         asked.append(request)
         raise InputError("the test", "it has seen enough", "Go on")
 
-    monkeypatch.setattr(pipeline, "build", build)
+    monkeypatch.setattr(pipeline, "run_build", build)
     if in_scene:
         scene = tmp_path / "scene.toml"
         scene.write_text(in_scene)
@@ -200,7 +200,7 @@ def test_the_default_folder_keeps_what_another_picture_came_to(
     def build(request: pipeline.Request, *_: object) -> None:
         raise InputError("the test", "it has seen enough", "Go on")
 
-    monkeypatch.setattr(pipeline, "build", build)
+    monkeypatch.setattr(pipeline, "run_build", build)
     monkeypatch.chdir(tmp_path)
     out = Path("knotfab-out") / "good"
     out.mkdir(parents=True)

@@ -20,6 +20,7 @@ from shapely import MultiPolygon, Point, affinity
 
 from knotfab.base.arrays import Array
 from knotfab.base.folder import OutputFolder
+from knotfab.base.progress import Progress
 from knotfab.design import film as chain
 from knotfab.design.film import (
     Anchor,
@@ -46,6 +47,7 @@ from knotfab.knots import Knots
 from knotfab.limits.terms import Felt
 from knotfab.picture.frames import read_frames
 from knotfab.picture.read import Target
+from knotfab.plan import Attempts
 from knotfab.problem import Problem, SearchResult
 from knotfab.scene.catalogue import resolve
 from knotfab.search.objective import Term, Weights
@@ -74,7 +76,9 @@ def discs(folder: Path, sizes: Iterable[int]) -> tuple[Target, ...]:
 
 
 def in_order(frames: Chain) -> list[SequenceFrame]:
-    return sorted(frames.frames(), key=lambda frame: frame.number)
+    attempts = Attempts(Progress("quiet"))
+    found = [attempts.carry_out(frames.plan(number)) for number in frames.order]
+    return sorted(found, key=lambda frame: frame.number)
 
 
 def test_the_frame_with_the_most_ink_is_searched_first(tmp_path: Path) -> None:
@@ -135,7 +139,8 @@ def test_the_view_is_found_with_the_first_frame_and_stays(tmp_path: Path) -> Non
     assert first.result.log.certified and second.result.log.certified
     assert min(made.result.iou_estimate for made in (first, second)) > 0.7
     # frame 2 has more ink, and is searched first
-    again = next(Chain(second.scene, targets).frames())
+    frames = Chain(second.scene, targets)
+    again = Attempts(Progress("quiet")).carry_out(frames.plan(frames.order[0]))
     assert again.number == 1
     assert np.array_equal(again.made.knots.points, second.knots.points)
     assert again.made.scene.views == second.scene.views
@@ -336,7 +341,7 @@ def test_the_first_way_that_serves_is_taken_else_the_best(
         _outlines=[1.0, 1.0], _radius=12.0, _why="", _longest=[1.0, 1.0],
         _settings=PRESETS["sketch"],
     )  # fmt: skip
-    found = frames._attempts.carry_out(frames._plan(1, 0))
+    found = Attempts(Progress("quiet")).carry_out(frames._plan(1, 0))
     assert (found.way, len(asked), found.quality[0]) == (kept, tried, len(unsound) < 3)
     assert asked[0] == "" and all(asked[1:])  # each further one says why
 

@@ -9,7 +9,9 @@ import time
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -50,11 +52,11 @@ class Good:
 
 
 def found(design: Callable[..., Design]) -> Callable[..., Any]:
-    """A plan without a search, which ends with what `design` returns."""
+    """A plan whose one attempt, made for the plan's own reason, is what `design` returns."""
 
     def plan_searches(*asked: Any) -> Any:
-        yield from ()
-        return design(*asked)
+        make, told = partial(design, *asked), {"what": "a search", "why": asked[-1]}
+        return (yield SimpleNamespace(**told, make=make, judge=lambda made: "found"))
 
     return plan_searches
 
@@ -217,6 +219,11 @@ def test_the_report_page_opens_offline(good: Good) -> None:
 def test_every_attempt_is_told_with_what_came_of_it(good: Good) -> None:
     told = good.report["attempts"]
     assert told[0]["what"].startswith("search: ")
+    ended = [one["ended"] for one in told if "search" in one["what"]]
+    assert all(
+        re.match(r"all \d+ iterations(, then \d+ rounds of repairs, )?", one) for one in ended
+    )
+    assert not any("ended" in one for one in told if one["what"].startswith(("part", "piece")))
     assert [one["what"] for one in told[-2:]] == ["part on no mount", "piece on no mount"]
     assert told[-1]["outcome"].startswith("passes every check") and "why_next" not in told[-1]
     assert all("why_next" in one or told[k + 1]["what"] in AFTER for k, one in enumerate(told[:-1]))

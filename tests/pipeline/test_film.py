@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw
 from reports import report_with
 
 from knotfab.part.slicer_process import REMEDY, find_slicer
-from knotfab.pipeline.build import build
+from knotfab.pipeline.build import run_build
 from knotfab.pipeline.film import advise, check_closing, check_motion, list_effects
 from knotfab.request import Outcome, Request
 from knotfab.scene.catalogue import resolve
@@ -74,7 +74,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
         command="test",
         skip=frozenset({"shadow-render"}),  # the exact polygons decide
     )
-    return build(request)
+    return run_build(request)
 
 
 def _points(folder: Path, number: int) -> np.ndarray:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pieces import EMPTY, VIEW, knots, ring
+from reports import VERDICT, report_with
 
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
@@ -23,9 +24,10 @@ from knotfab.pipeline.plan import Workshop, plan_holders, with_mount
 from knotfab.plan import Attempts
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
+from knotfab_formats.errors import read_as
 from knotfab_formats.print_figures import MountFigures
 from knotfab_formats.scene import ResolvedScene, Scene
-from knotfab_formats.verdict import Check
+from knotfab_formats.verdict import Check, Recognition
 
 ONE, TWO = knots(ring(50.0)), knots(ring(50.0), ring(25.0, 10.0))
 BAD = Check("islands", "fail", True, 3.0, 0.0, "places", "begin in mid-air")
@@ -76,16 +78,20 @@ class Played(Workshop):
     """A workshop that builds nothing: each kind of mount fails the checks that are told of it."""
 
     def play(
-        self, fails: Mapping[str, tuple[str, ...]], unheld: Set[str], words: Mapping[str, str]
+        self,
+        fails: Mapping[str, tuple[str, ...]],
+        unheld: Set[str],
+        words: Mapping[str, str],
+        dark: Mapping[str, float],
     ) -> Played:
-        self.__dict__.update(fails=fails, unheld=unheld, words=words, built=[])
+        self.__dict__.update(fails=fails, unheld=unheld, words=words, dark=dark, built=[])
         return self
 
     def settle(self, request: Request, _: Any, made: Any, *__: Any) -> Any:
         """Stand in for `plan_places`."""
         yield from ()
         kind = made.scene.mount.kind
-        dark = 0.008 if kind == "hang" else 0.0
+        dark = self.__dict__["dark"].get(kind, 0.0)
         figures = MountFigures(kind=kind, predicted_intrusion=dark)
         mounted = SimpleNamespace(figures=figures, check_sag=lambda: None)
         part = SimpleNamespace(mounted=mounted)
@@ -101,7 +107,8 @@ class Played(Workshop):
         word = self.__dict__["words"].get(kind, "faithful")
         piece = SimpleNamespace(made=made, scene=made.scene, note=note, suffix="", slicing=None)
         self.folder.write("part.stl", kind)
-        return piece, SimpleNamespace(checks=checks, verdict=SimpleNamespace(word=word))
+        verdict = read_as(Recognition, {**VERDICT, "word": word})
+        return piece, replace(report_with(), checks=tuple(checks), verdict=verdict, notes=(note,))
 
 
 def finish_held(
@@ -110,19 +117,21 @@ def finish_held(
     fails: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
     unheld: Set[str] = frozenset(),
     words: Mapping[str, str] = MappingProxyType({}),
+    dark: Mapping[str, float] = MappingProxyType({"hang": 0.008}),
 ) -> tuple[Played, str, str]:
-    """The workshop when it is done, the mount of the part that lies in its folder, and the piece's note."""
-    nothing: Any = None
+    """The workshop when it is done, the mount of the part that lies in its folder, and the report's notes."""
+    nothing: Any = SimpleNamespace(forget=lambda: None)
     attempts = Attempts(Progress("quiet"))
     with OutputFolder(place / "out") as folder, pytest.MonkeyPatch.context() as patch:
         shop = Played([TARGET], folder, nothing, nothing, attempts.progress)
-        shop.play(fails, unheld, words)
+        shop.play(fails, unheld, words, dark)
         patch.setattr(planning, "plan_places", shop.settle)
-        piece, _ = attempts.carry_out(plan_holders(shop, request, made_of(request.scene)))
+        piece, report = attempts.carry_out(plan_holders(shop, request, made_of(request.scene)))
         assert len(attempts.made) == len(shop.__dict__["built"])
         (file,) = folder.work.iterdir()
         assert piece.scene.mount.kind == file.read_text()
-        return shop, file.read_text(), str(piece.note)
+        assert report.notes[0] == piece.note
+        return shop, file.read_text(), " ".join(report.notes)
 
 
 EACH = {"hang": ("level",), "stand": ("mount",), "wall": ("tube",)}
@@ -180,10 +189,28 @@ def test_a_holder_that_spoils_the_word_gives_way_to_one_that_is_not_dear(
     monkeypatch.setattr(
         Guess, "price", lambda self, word="faithful": own[self.kind] + WORD_HOURS[word]
     )
-    shop, last, _ = finish_held(
+    shop, last, note = finish_held(
         tmp_path, Request(scene_of(), (), Path(), printing=True), words=words
     )
     assert shop.__dict__["built"] == built and last == kept
+    # what was made and dropped is told
+    assert ("Tried as well, and not taken: a stand" in note) == (len(built) > 1 and kept == "hang")
+
+
+@pytest.mark.parametrize(
+    ("unheld", "kept", "told"),
+    [
+        ({"wall"}, "hang", "Tried as well, and not taken: a stand (it darkens 0.4% of"),
+        (set(), "wall", "; not a stand (it darkens 0.4% of"),
+    ],
+)
+def test_a_holder_that_shows_as_well_is_not_dropped_without_a_word(
+    tmp_path: Path, unheld: set[str], kept: str, told: str
+) -> None:
+    asked, dark = Request(scene_of(), (), Path(), printing=True), {"hang": 0.008, "stand": 0.004}
+    words = {"hang": "coarse"}
+    _, last, note = finish_held(tmp_path, asked, unheld=unheld, words=words, dark=dark)
+    assert last == kept and told in note
 
 
 def test_hours_grams_and_words_have_one_price() -> None:

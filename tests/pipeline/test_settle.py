@@ -16,6 +16,7 @@ from shapely import MultiPolygon, box
 import knotfab.pipeline.plan as planning
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
+from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.design.candidates import line_radius, most_radius, usual_radii
 from knotfab.design.design import design_knots
@@ -28,7 +29,7 @@ from knotfab.hold.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import Target, read_target
 from knotfab.pipeline.finish import tell_unlike_preview
-from knotfab.pipeline.plan import plan_places
+from knotfab.pipeline.plan import Workshop, plan_places, plan_supports
 from knotfab.pipeline.settle import (
     AIM,
     LEAST_PEG_MM,
@@ -424,14 +425,42 @@ def test_attempts_are_told_in_order_with_what_came_of_each() -> None:
         ("a wall mount", "a wall mount made", None),
         ("a piece", "a piece made", None),
     ]
-    attempts.because = "built again"  # as where the next scene has the slicer's supports
-    with pytest.raises(SceneError, match="it breaks"):
-        attempts.carry_out(iter_one(Tried("a piece", fails=True)))
-    assert [one.why_next for one in attempts.made[-2:]] == ["built again", None]
 
 
-def iter_one(attempt: Tried) -> Any:
-    yield attempt
+@pytest.mark.parametrize("otherwise", [True, False])
+def test_the_slicers_supports_are_an_attempt_of_the_same_plan(
+    tmp_path: Path, otherwise: bool
+) -> None:
+    """What was written first is gone when they are tried; without a second way the error is the build's."""
+    way = resolve(parse_scene('[piece]\nsupports = "none"'))
+    other = resolve(parse_scene('[piece]\nsupports = "slicer"')) if otherwise else None
+    request = Request(way, ("i",), tmp_path / "out", otherwise=other)
+    attempts, seen, forgotten = Attempts(Progress("quiet")), list[Request](), list[str]()
+
+    def plan(shop: Workshop, asked: Request, why: str) -> Any:
+        seen.append(asked)
+        assert not list(shop.folder.work.iterdir())
+        shop.folder.write("table-1.3mf", "of the first")
+        first = asked.scene.piece.supports == "none"
+        return (yield Tried(f"a piece with supports {asked.scene.piece.supports}", why, first))
+
+    def forget(name: str) -> Any:
+        return SimpleNamespace(forget=lambda: forgotten.append(name))
+
+    with OutputFolder(tmp_path / "out") as folder:
+        tools = forget("verifier"), forget("slicer")
+        shop = Workshop([], folder, *tools, attempts.progress)
+        if not otherwise:
+            with pytest.raises(SceneError, match="it breaks"):
+                attempts.carry_out(plan_supports(shop, request, plan))
+            return
+        made = attempts.carry_out(plan_supports(shop, request, plan))
+    assert made == "a piece with supports slicer" and set(forgotten) == {"verifier", "slicer"}
+    first, last = attempts.made
+    broke = "a piece with supports none: it breaks"
+    assert first.outcome == seen[1].why_supported == broke and seen[1].otherwise is None
+    assert first.why_next == f"built again with the slicer's supports, for without them {broke}"
+    assert last.why_next is None
 
 
 # A piece that its pegs do not hold is moved to its wall, and made flatter if that is not enough.

@@ -17,7 +17,7 @@ from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
 from knotfab.limits.terms import Felt
 from knotfab.picture.read import Target
-from knotfab.pipeline.build import build
+from knotfab.pipeline.build import run_build
 from knotfab.problem import Start
 from knotfab.request import Request
 from knotfab.scene.camera import camera_of, view_axes
@@ -203,7 +203,7 @@ def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
     file = str(tmp_path / "a.png")
     scene = Scene(views=scene_views(), mount=Mount(kind="wall"))
     with pytest.raises(InputError, match="mount"):
-        build(Request(resolve(scene), (file, file), tmp_path / "o", printing=printing))
+        run_build(Request(resolve(scene), (file, file), tmp_path / "o", printing=printing))
 
 
 def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
@@ -224,7 +224,7 @@ def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
 def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
     Image.fromarray(~draw_mask(DISC, 100.0)).save(tmp_path / "a.png")
     with pytest.raises(InputError, match="1 pictures are given for 2 views"):
-        build(
+        run_build(
             Request(resolve(Scene(views=scene_views())), (str(tmp_path / "a.png"),), tmp_path / "o")
         )
 
@@ -255,7 +255,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
     skip = frozenset({"shadow-render", "slicer"})
     request = Request(resolve(scene), pictures, tmp_path / "out", printing=True, skip=skip)
-    outcome = build(request)
+    outcome = run_build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]
     assert [v["kind"] for v in report["views"]] == ["shadow", "eye"]
