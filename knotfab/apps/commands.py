@@ -5,7 +5,7 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -218,7 +218,7 @@ def tradeoff(
     *pictures: str,
     out: Place = Path("knotfab-tradeoff"),
     scene: Path | None = None,
-    accuracy: Literal["sketch", "draft", "standard", "fine"] | None = None,
+    accuracy: str | None = None,
     tube_radius: str | None = None,
     time_limit: str | None = None,
     print_: Annotated[Flag, Parameter(name="--print")] = False,
@@ -235,7 +235,7 @@ def tradeoff(
     scene
         A scene.toml.
     accuracy
-        The preset beside which one setting at a time is changed; standard by default.
+        The preset beside which one setting at a time is changed, as for knotfab build; standard by default.
     tube_radius
         In mm, or auto (default): each build finds its own.
     time_limit

@@ -78,12 +78,10 @@ OFTEN = frozenset(
      "--supports", "--accuracy", "--out")
 )  # fmt: skip
 """The options that makers use, which `knotfab build --help` shows."""
-HELP: dict[str, str] = {}
-"""The help of the options that set keys, by the option's name as a field."""
-READERS: dict[str, Callable[[Any], Any]] = {
+READERS: dict[str, partial[Any]] = {
     "size": partial(read_value, View, "frame_width_mm", option="--size")
 }
-"""How the options that set keys are read, from text or Python."""
+"""How the options that set keys are read, from text or Python; the arguments are table and key."""
 AClass = TypeVar("AClass", bound=type)
 
 
@@ -100,7 +98,7 @@ def _with_keys(*tables: str) -> Callable[[AClass], AClass]:
                 if not option or hasattr(kind, name):
                     continue
                 read = _type_of(model, key)
-                READERS[name], HELP[name] = partial(read_value, model, key), said[key]
+                READERS[name] = partial(read_value, model, key)
                 how = None if read is Flag else _from_tokens(name, repeated=read is _Several)
                 shown = Parameter(group=GROUPS[group], help=said[key], converter=how)
                 found[name] = Annotated[read, shown]

@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import BaseModel
 
 from knotfab.base.disk import at_home
-from knotfab.pipeline.options import KEYS, PlanOptions
+from knotfab.pipeline.options import KEYS, READERS, PlanOptions
 from knotfab.report.summary import CHECKS
-from knotfab_formats.bounds import option_of, values_of
+from knotfab_formats.bounds import values_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.piece import Material, Printer
 from knotfab_formats.scene import ResolvedScene, Scene
@@ -84,10 +84,10 @@ def read_scene(options: PlanOptions) -> tuple[ResolvedScene, Path | None]:
 
 def _list_given_keys(options: PlanOptions, model: type[BaseModel]) -> dict[str, Any]:
     keys: dict[str, Any] = {}
-    for key in model.model_fields:
-        _, option = option_of(model, key) or ("", "")
-        value = getattr(options, option[2:].replace("-", "_"), None) if option else None
-        if value is not None and value is not False and value != ():
+    for name, reader in READERS.items():
+        table, key = reader.args
+        value = getattr(options, name, None)
+        if table is model and value is not None and value is not False and value != ():
             keys[key] = values_of(model, key).get(value, value)
     return keys
 

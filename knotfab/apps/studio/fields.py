@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from knotfab.base.errors import OPTION
+from knotfab.design.frames import LONGER_FRAME_MM
 from knotfab.picture.fonts import list_families
 from knotfab.pipeline.options import READERS, BuildOptions, options_from
 from knotfab.pipeline.values import as_text
@@ -37,6 +38,14 @@ READING = ("ink", "crop", "smooth", "lines")
 _FLAGS = ("print", "accept")
 _OPTIONS = {field.name.strip("_") for field in fields(BuildOptions)}
 DEFAULTS: dict[str, Value] = {"print": True, "mount": "auto", "accuracy": "standard"}
+
+
+def usual_numbers() -> dict[str, float]:
+    """Return the numbers that a build takes where fields are empty."""
+    keys = {name: READERS[name].args for name in FIELDS if name in READERS}
+    found = {name: model.model_fields[key].default for name, (model, key) in keys.items()}
+    numbers = {name: value for name, value in found.items() if isinstance(value, float)}
+    return {"size": LONGER_FRAME_MM, **numbers}
 
 
 def read_field(name: str, given: object) -> Value | None:

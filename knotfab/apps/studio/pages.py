@@ -22,7 +22,7 @@ from starlette.responses import (
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from knotfab.apps.studio.builds import child_of, plain_files
-from knotfab.apps.studio.fields import FIELDS
+from knotfab.apps.studio.fields import FIELDS, usual_numbers
 from knotfab.apps.studio.pictures import thumbnail
 from knotfab.base.moves import REJECTED
 from knotfab.picture.fonts import list_families
@@ -66,7 +66,7 @@ async def show_choices(_: Request) -> Response:
             "materials": _titled("material", materials()),
             "fonts": await asyncio.to_thread(list_families),
             "labels": FIELDS,
-            "usual": Printer().name,
+            "usual": {"printer": Printer().name, **usual_numbers()},
             "suffixes": sorted(PICTURE_SUFFIXES),
         }
     )

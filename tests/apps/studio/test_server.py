@@ -36,7 +36,9 @@ from knotfab.apps.studio.pictures import LARGEST_BYTES
 from knotfab.apps.studio.run import CALLS, make_app
 from knotfab.apps.studio.session import Studio
 from knotfab.pipeline.options import options_from
+from knotfab.scene.catalogue import resolve
 from knotfab_formats.errors import InputError
+from knotfab_formats.scene import Scene
 
 HOST, TOKEN = "127.0.0.1:8000", "the-token-of-the-address"
 ORIGIN, LIVE = {"origin": f"http://{HOST}"}, f"ws://{HOST}/live"
@@ -346,6 +348,25 @@ def test_a_wrong_setting_changes_nothing(
     before = client.get("/api/state").json()["settings"]
     refuse(ask(client, "/api/settings", **given), 422, why)
     assert client.get("/api/state").json()["settings"] == before
+
+
+def test_the_page_offers_what_its_options_take(client: TestClient) -> None:
+    """Its words are values of the options, and what stands in an empty field is what a build takes."""
+    text = (Path(run.__file__).parent / "static" / "fields.js").read_text(encoding="utf-8")
+    offered = [
+        (name, quoted or word)
+        for name, words in re.findall(r'\["(\w+)", "(?:menu|choice)", \{(.*)\}\]', text)
+        for quoted, word in re.findall(r'(?:^|, )(?:"([^"]*)"|(\w+)): "', words.strip())
+    ]
+    assert {"ink", "plate", "accuracy", "lamps"} <= {name for name, _ in offered}
+    for name, word in offered:
+        if word:
+            assert ask(client, "/api/settings", **{name: word}).status_code == 200, (name, word)
+    usual = client.get("/api/choices").json()["usual"]
+    plain = resolve(Scene()).views[0]
+    assert usual["lamp_distance"] == plain.light_distance_mm
+    assert usual["wall_distance"] == plain.wall_distance_mm and usual["smooth"] == plain.smooth_px
+    assert set(usual) >= set(re.findall(r'\["(\w+)", "range"', text))
 
 
 def test_what_is_no_call(client: TestClient) -> None:

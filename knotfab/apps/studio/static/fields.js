@@ -2,18 +2,18 @@
 import { byId, element, post } from "./api.js";
 
 const WORDS = { spellcheck: "false", autocomplete: "off" };
-/* [setting, kind, what it needs]; labels come from the server, which says what is wrong in the same words */
+/* [setting, kind, what it needs]; labels and usual values come from the server, which says what is wrong in the same words */
 const LISTS = {
   "clean-fields": [
     ["ink", "menu", { "": "what stands out", dark: "what is dark", light: "what is light", alpha: "what is opaque", flood: "what the border does not reach (photographs)" }],
     ["crop", "menu", { "": "the whole picture", auto: "about the drawing" }],
-    ["smooth", "range", { min: 0, max: 20, step: 0.5, usual: 0, unit: "px", hint: "Rounds ragged edges." }],
+    ["smooth", "range", { min: 0, max: 20, step: 0.5, unit: "px", hint: "Rounds ragged edges." }],
     ["lines", "menu", { "": "along their middle where they are thin", on: "along their middle", off: "filled" }],
   ],
   "scene-fields": [
-    ["size", "range", { min: 60, max: 400, step: 5, usual: 180, unit: "mm" }],
-    ["lamp_distance", "range", { min: 150, max: 3000, step: 10, usual: 500, unit: "mm" }],
-    ["wall_distance", "range", { min: 30, max: 1000, step: 5, usual: 100, unit: "mm" }],
+    ["size", "range", { min: 60, max: 400, step: 5, unit: "mm" }],
+    ["lamp_distance", "range", { min: 150, max: 3000, step: 10, unit: "mm" }],
+    ["wall_distance", "range", { min: 30, max: 1000, step: 5, unit: "mm" }],
     ["lamps", "menu", { "": "one: a shadow", rgb: "three: in colours", "warm+cold": "warm and cold: two tints" }],
   ],
   "print-fields": [
@@ -28,12 +28,13 @@ const LISTS = {
   ],
 };
 let labels = {};
+let usual = {};
 const inputs = {};
 const ranges = {};
 
 export async function buildFields() {
   const choices = await (await fetch("/api/choices")).json();
-  labels = choices.labels;
+  ({ labels, usual } = choices);
   byId("file").accept = choices.suffixes.join(",");
   for (const [place, fields] of Object.entries(LISTS)) byId(place).append(...fields.map(build));
   inputs.font = byId("font");
@@ -59,7 +60,7 @@ function build([name, kind, about]) {
     inputs[name] = element("select", { id: name, ...described(name, {}), change: (e) => set(name, e.target.value) }, ...Object.entries(about).map(([value, text]) => element("option", { value }, text)));
     return element("div", { class: "line" }, element("div", { class: "field wide" }, label, inputs[name]), wrongOf(name));
   }
-  const input = element("input", { type: "text", id: name, inputmode: "decimal", ...WORDS, ...described(name, about), placeholder: about.usual, change: () => set(name, input.value) });
+  const input = element("input", { type: "text", id: name, inputmode: "decimal", ...WORDS, ...described(name, about), placeholder: usual[name], change: () => set(name, input.value) });
   inputs[name] = input;
   const unit = element("span", {}, about.unit ?? "");
   const { min, max, step } = about;
@@ -69,7 +70,7 @@ function build([name, kind, about]) {
     clearTimeout(waiting);
     waiting = setTimeout(() => set(name, input.value), 150);
   } });
-  ranges[name] = [range, about];
+  ranges[name] = range;
   return element("div", { class: "line" }, element("div", { class: "field" }, label, range, input, unit), ...below(name, about));
 }
 
@@ -77,9 +78,9 @@ const described = (name, { hint }) => ({ "aria-describedby": `${name}-wrong${hin
 const wrongOf = (name) => element("p", { class: "wrong", id: `${name}-wrong`, role: "alert" });
 const below = (name, { hint }) => [wrongOf(name), ...(hint ? [element("p", { class: "hint", id: `${name}-hint` }, hint)] : [])];
 
-function fillPrinters({ printers, usual }) {
+function fillPrinters({ printers }) {
   const order = [...printers].sort((a, b) => a.title.localeCompare(b.title));
-  const own = order.find((p) => p.name === usual);
+  const own = order.find((p) => p.name === usual.printer);
   inputs.printer.append(element("option", { value: "" }, `${own.title} (usual)`), ...order.filter((p) => p !== own).map((p) => element("option", { value: p.name }, p.title)));
 }
 
@@ -111,9 +112,9 @@ export function showFields(state) {
   const sides = state.preview.views?.[0]?.frame_mm;
   const frame = sides && Math.max(...sides);
   if (frame) inputs.size.placeholder = Math.round(frame);
-  for (const [name, [range, about]] of Object.entries(ranges)) {
+  for (const [name, range] of Object.entries(ranges)) {
     if (range === document.activeElement) continue;
-    const value = state.settings[name] ?? (name === "size" ? frame : null) ?? about.usual;
+    const value = state.settings[name] ?? (name === "size" ? frame : null) ?? usual[name];
     range.value = Number(value);
   }
   byId("font-row").hidden = !state.picture?.text && byId("source-text").hidden;
