@@ -187,6 +187,7 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
         MachineError: this machine cannot render.
     """
     from knotfab.picture.read import read_target  # `validate` reads no picture
+    from knotfab.scene.load import pick_view
     from knotfab_validators.files.mesh import read_mesh
     from knotfab_validators.files.scene import read_scene
     from knotfab_validators.shadows.frame import working_frame, write_shadow
@@ -204,19 +205,14 @@ def render_shadow(part: Path, scene: Path | None, out: Path, view_name: str | No
 
     def render() -> tuple[NDArray[Any], Any]:
         setting, mesh = read_scene(lit_by), read_mesh(own)
-        named = [v for v in setting.views if view_name in (None, v.name)]
-        if not named:
-            names = ", ".join(v.name for v in setting.views)
-            raise InputError(
-                f"--view {view_name}", "the scene has no such view", f"It has: {names}"
-            )
-        height, width = read_target(lit_by.parent / named[0].picture, named[0]).mask.shape
+        view = pick_view(setting.views, view_name)
+        height, width = read_target(lit_by.parent / view.picture, view).mask.shape
         pose = (
             np.eye(4) if setting.pose is None else np.asarray(setting.pose.matrix, dtype=np.float64)
         )
         vertices = setting.material.shrinks_to * mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
         frame = working_frame(width, height)
-        geometry = view_geometry(named[0], width, height).resample(frame)
+        geometry = view_geometry(view, width, height).resample(frame)
         with SilhouetteRenderer(vertices, mesh.faces) as renderer:
             return renderer.render(geometry), frame
 

@@ -41,7 +41,6 @@ FILES = (
     (r"piece\.png", "the piece with its shadow: a picture to send"),
     (r"part(-\d+)?\.glb", "for phones and 3D viewers, as it hangs or stands"),
     (r"part(-\d+)?\.stl", "the mesh that was verified, in mm"),
-    (r"turn\.gif", "the shadow while the piece turns under one lamp"),
     (r"knots(-\d+)?\.json", "the centre lines"),
     (r"scene(-\d+)?\.toml", "every setting: builds the same piece again"),
     (r"report\.json", "all of this for programs"),
@@ -86,21 +85,25 @@ def advise_lamp(view: View, tube_radius_mm: float) -> list[str]:
     return facts
 
 
+def sort_files(names: Iterable[str]) -> list[tuple[str, str]]:
+    """Return the files that a maker uses with what each is for, the first to open at the top."""
+    held = sorted(names)
+    return [(name, what) for one, what in FILES for name in held if re.fullmatch(one, name)]
+
+
 def list_files(names: Iterable[str]) -> list[tuple[str, str]]:
-    """List the files beside a report with what each is for, the first to open at the top.
+    """List the files beside a report as `sort_files` does.
 
     Where a sequence has many files of a kind, its first and last stand for all: "part-01.3mf …
     part-12.3mf".
     """
+    alike: dict[tuple[str, str], list[str]] = {}
+    for name, what in sort_files(names):
+        alike.setdefault((re.sub(r"-\d+\b", "-", name), what), []).append(name)
     found = []
-    for pattern, what in FILES:
-        alike: dict[str, list[str]] = {}
-        for name in sorted(name for name in names if re.fullmatch(pattern, name)):
-            alike.setdefault(re.sub(r"-\d+\b", "-", name), []).append(name)
-        for group in alike.values():
-            # files of a kind that are listed one by one
-            many = [f"{group[0]} … {group[-1]}"] if len(group) > 3 else group
-            found += [(name, what) for name in many]
+    for (_, what), group in alike.items():
+        many = [f"{group[0]} … {group[-1]}"] if len(group) > 3 else group
+        found += [(name, what) for name in many]
     return found
 
 

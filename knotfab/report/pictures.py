@@ -26,44 +26,44 @@ from knotfab_formats.scene import ResolvedView, SettledScene
 from knotfab_formats.verdict import View
 from knotfab_validators.shadows.told import DOOR
 
+_COLOURS = "compare-colours.png"
+# files, their role on the page, and a caption, in which {} is the view
+_SHOWN = (
+    ("failures*.png", "part", "where {} fails its checks"),
+    (
+        _COLOURS,
+        "colours",
+        "the picture, the colours that the lamps can mix of it, what is seen, and where it is wrong",
+    ),
+    ("shadow-*.png", "alone", ""),
+    ("given-*.*", "given", "{0} as it came; its silhouette is picture-{0}.png"),
+    ("compare-*.png", "compare", "target, shadow of the written file, and where they differ"),
+    (
+        "bent-*.png",
+        "bent",
+        "the picture as it came, as it is bent, and what all pictures leave of it",
+    ),
+    ("soft-*.png", "shadow", "the shadow as a lamp of this size throws it"),
+    ("piece.png", "piece", "the piece with its shadow, its lamp on"),
+    (
+        "unlit.png",
+        "unlit",
+        "unlit: from the door, 45° aside at its height, and from where it tells most",
+    ),
+    ("part.png", "part", "from the light of each view, then turned about the vertical"),
+)
+
 
 def find_pictures(folder: Path) -> list[Picture]:
     """Find the report's pictures in a folder, and caption them."""
-    found = []
-    part = folder / "part.png"
-    for path in sorted(folder.glob("failures*.png")):
-        name = path.stem.replace("failures-", "part-").replace("failures", "the part")
-        found.append(Picture(path, "part", f"where {name} fails its checks"))
-    colours = folder / "compare-colours.png"
-    if colours.is_file():
-        caption = "the picture, the colours that the lamps can mix of it, what is seen, and where it is wrong"
-        found.append(Picture(colours, "colours", caption))
-        for path in sorted(folder.glob("shadow-*.png")):
-            found.append(Picture(path, "alone", "", path.stem.removeprefix("shadow-")))
-    for path in sorted(folder.glob("given-*.*")):
-        name = path.stem.removeprefix("given-")
-        found.append(
-            Picture(path, "given", f"{name} as it came; its silhouette is picture-{name}.png", name)
-        )
-    for path in sorted(set(folder.glob("compare-*.png")) - {colours}):
-        caption = "target, shadow of the written file, and where they differ"
-        found.append(Picture(path, "compare", caption, path.stem.removeprefix("compare-")))
-    for path in sorted(folder.glob("bent-*.png")):
-        caption = "the picture as it came, as it is bent, and what all pictures leave of it"
-        found.append(Picture(path, "bent", caption, path.stem.removeprefix("bent-")))
-    for path in sorted(folder.glob("soft-*.png")):
-        caption = "the shadow as a lamp of this size throws it"
-        found.append(Picture(path, "shadow", caption, path.stem.removeprefix("soft-")))
-    hung = folder / "piece.png"
-    if hung.is_file():
-        found.append(Picture(hung, "piece", "the piece with its shadow, its lamp on"))
-    if (unlit := folder / "unlit.png").is_file():
-        caption = "unlit: from the door, 45° aside at its height, and from where it tells most"
-        found.append(Picture(unlit, "unlit", caption))
-    if part.is_file():
-        found.append(
-            Picture(part, "part", "from the light of each view, then turned about the vertical")
-        )
+    found, coloured = [], (folder / _COLOURS).is_file()
+    for pattern, role, caption in _SHOWN:
+        for path in sorted(folder.glob(pattern)) if role != "alone" or coloured else ():
+            view = path.stem.partition("-")[2]
+            if pattern.startswith("failures"):
+                view = f"part-{view}" if view else "the part"
+            if role != "compare" or path.name != _COLOURS:
+                found.append(Picture(path, role, caption.format(view), view))
     return found
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import chain, combinations
 from math import hypot
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from knotfab.base.disk import at_home, read_text
 from knotfab.scene.camera import view_axes
@@ -17,6 +17,21 @@ from knotfab_formats.piece import ON_FEET, Region
 from knotfab_formats.read import parse_toml, scene_of
 from knotfab_formats.scene import ResolvedScene, Scene
 from knotfab_formats.views import Reading, View
+
+AView = TypeVar("AView", bound=View)
+
+
+def pick_view(views: Sequence[AView], name: str | None) -> AView:
+    """Return the view of this name; the first without one.
+
+    Raises:
+        InputError: there is none.
+    """
+    for view in views:
+        if name in (None, view.name):
+            return view
+    known = ", ".join(view.name for view in views)
+    raise InputError(f"--view {name}", "the scene has no such view", f"It has: {known}.")
 
 
 def load_scene(path: str | Path) -> Scene:

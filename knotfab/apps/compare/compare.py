@@ -34,7 +34,7 @@ from knotfab.report.drill_template import CARD_MM, card_middles
 from knotfab.report.page import make_environment
 from knotfab.report.summary import tell_share
 from knotfab.scene.camera import Camera, camera_of
-from knotfab.scene.load import load_scene
+from knotfab.scene.load import load_scene, pick_view
 from knotfab_formats.errors import InputError
 from knotfab_formats.scene import ResolvedView, Scene
 
@@ -318,13 +318,10 @@ def _read_view(folder: Path, name: str | None) -> tuple[Scene, ResolvedView, str
         suffix = name.removeprefix("frame")
     path = folder / f"scene{suffix}.toml"
     scene = load_scene(path)
-    views = [v for v in scene.views if name in (None, v.name)]
-    if not views:
-        known = ", ".join(v.name for v in scene.views)
-        raise InputError(f"--view {name}", "the scene has no such view", f"It has: {known}.")
-    if views[0].frame_width_mm is None or views[0].frame_height_mm is None:
+    view = pick_view(scene.views, name)
+    if view.frame_width_mm is None or view.frame_height_mm is None:
         raise InputError(str(path), "no build has written it", "Name a folder that a build wrote.")
-    return scene, ResolvedView.model_validate(views[0].model_dump()), suffix
+    return scene, ResolvedView.model_validate(view.model_dump()), suffix
 
 
 def _margin_px(scene: Scene, view: ResolvedView, width: int) -> tuple[int, int]:

@@ -14,18 +14,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from knotfab.apps.studio.pictures import StudioPicture
 from knotfab.base.disk import write_whole
 from knotfab.base.moves import REJECTED, mend
+from knotfab.report.for_maker import sort_files
 from knotfab_formats.errors import InputError
 
 BUILDS = "builds"
 _RECORDS = "records"
-# files to offer, the most wanted first
-_SHOWN = (
-    "part.3mf", "part.stl", "part.glb", "part-colours.3mf",
-    "setup.pdf", "report.html", "report.json", "scene.toml", "knots.json",
-    "slicer.ini",
-)  # fmt: skip
-# prefixes of further files
-_ALSO = "table-", "colours", "part-", "setup-"
 _UNREADABLE = "its report.json cannot be read; its files are below"
 
 
@@ -174,7 +167,6 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
     """Describe the result in a build's folder: its files and main figures."""
     where = folder / REJECTED if rejected else folder
     held = plain_files(where)
-    further = sorted(n for n in held if n.endswith((".pdf", ".csv")) or n.startswith(_ALSO))
     report = where / "report.json"
     try:
         found = _read_report(report, report.stat().st_mtime_ns)
@@ -187,7 +179,7 @@ def describe_folder(folder: Path, rejected: bool) -> dict[str, Any]:
         "where": folder.name + (f"/{REJECTED}" if rejected else ""),
         "verdict": found.verdict.word if found and found.verdict else None,
         "piece": piece,
-        "files": list(dict.fromkeys([*(n for n in _SHOWN if n in held), *further])),
+        "files": [*(name for name, _ in sort_files(held)), *({"report.html"} & held)],
     }
 
 
