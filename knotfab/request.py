@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -35,18 +34,16 @@ class Promise:
 
 @dataclass(frozen=True)
 class Request:
-    """The scene as a person wrote it, its pictures, and how to build it.
+    """The scene as a person wrote it, its pictures, which are read once, and how to build it.
 
-    `pictures`: one for each view of the scene, each a file, an SVG or `text:…`; for a sequence its frames:
-    a folder of numbered pictures, an animation, or several pictures in order. Relative paths start from
-    `base`, by default the working folder. `otherwise`: the scene to build if this one cannot be printed
-    without supports, as it asks. `why_supported`: why a build with `supports = "auto"` uses the slicer's.
+    `targets`: the pictures as they were read, one for each view of the scene, or a sequence's frames.
+    `otherwise`: the scene to build if this one cannot be printed without supports, as it asks.
+    `why_supported`: why a build with `supports = "auto"` uses the slicer's.
     """
 
     scene: ResolvedScene
-    pictures: tuple[str, ...]
+    targets: tuple[Target, ...]
     out: Path
-    base: Path | None = None
     printing: bool = False
     device: str = "cpu"
     skip: frozenset[str] = frozenset()
@@ -54,7 +51,6 @@ class Request:
     command: str = ""
     colours: bool = False  # whether part-colours.3mf is written
     sequence: bool = False  # the pictures are frames of one moving knot
-    targets: tuple[Target, ...] = ()  # the pictures, where they have been read already
     preview: tuple[str, ...] = ()  # lines of the preview, before the build
     promise: Promise | None = None  # what they tell, if a search does not decide it
     otherwise: ResolvedScene | None = None
@@ -67,23 +63,24 @@ class Request:
         left_open = mount.kind == "auto" and not mount.asked
         return self.printing and left_open and not self.sequence
 
-    def is_mounted(self, targets: Sequence[Target]) -> bool:
-        """Return whether a piece that draws these pictures is printed with a mount."""
+    @property
+    def mounted(self) -> bool:
+        """Whether the piece is printed with a mount."""
         scene = self.scene
         if self.sequence:
-            knots = count_knots(targets, scene.piece.knots)
+            knots = count_knots(self.targets, scene.piece.knots)
         else:
-            knots = scene.count_knots(targets[0].pieces)
+            knots = scene.count_knots(self.targets[0].pieces)
         given = scene.mount.asked or scene.on_wall(knots)
         return self.printing and (given or self.chooses_holder)
 
-    def budget(self, spent_s: float, targets: Sequence[Target]) -> Budget | None:
+    def budget(self, spent_s: float) -> Budget | None:
         """Return what is left of the time budget after `spent_s`; None without a budget."""
         if self.time_budget_s is None:
             return None
         after = _AFTER_S
         if self.printing:
-            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * self.is_mounted(targets)
+            after += _AFTER_PRINTED_S + _AFTER_MOUNT_S * self.mounted
         began = time.perf_counter() - spent_s
         left = self.time_budget_s * (1.0 if self.otherwise is None else _FIRST_SHARE)
         return Budget(began + left, after, _AFTER_VERTEX_S * len(self.scene.views), began)

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from benchmarks.build_table import draw_sheet
 from benchmarks.measurement import Stopwatch, run_study
+from knotfab.picture.read import read_targets
 from knotfab.pipeline.build import run_build
 from knotfab.render.capsules import tensor_frame
 from knotfab.render.device import render
@@ -62,14 +63,15 @@ def rebuild(folder: Path, start: str = "circle", printing: bool = False) -> Outc
     curve = 2 * A_MM * viviani(even_ring(600))[:, [1, 2, 0]]  # z of the formula upwards
     for view in views:
         draw(curve, view, folder / view.picture)
-    scene = Scene(
+    asked = Scene(
         piece=Piece(tube_radius_mm=RADIUS_MM),
         views=views,
         accuracy=Accuracy(iou_floor=0.9),
         search={"network_start": start},
     )
-    pictures = tuple(view.picture for view in views)
-    return run_build(Request(resolve(scene), pictures, folder / "built", folder, printing))
+    scene = resolve(asked)
+    targets = read_targets([view.picture for view in views], scene.views, base=folder)
+    return run_build(Request(scene, targets, folder / "built", printing))
 
 
 def main(

@@ -117,7 +117,8 @@ class Chain:
 
     In the `order` of their numbers the frame with the most ink comes first (`pick_first`); the others
     follow, neighbour by neighbour, to the end and then back to the beginning. Each vertex keeps within the
-    motion bound of its neighbours, and in a loop also within that across the seam.
+    motion bound of its neighbours, and in a loop also within that across the seam. `outlines_mm`: how far
+    outlines move from each frame to the next, and from the last to the first.
 
     Args:
         scene: of one view, as for `design_knots`. A free view is settled on the first frame, since
@@ -188,7 +189,7 @@ class Chain:
         with progress.stage("search"):
             self._questions = [ask(_rename_view(within, t), [t]) for t in targets]
             polygons = [question.problem.polygons[0] for question in self._questions]
-            self._outlines = [
+            self.outlines_mm = [
                 wall_motion(first.scene.views[0], p, q, self._count)
                 for p, q in zip(polygons, [*polygons[1:], polygons[0]], strict=True)
             ]
@@ -213,7 +214,7 @@ class Chain:
                     tie.outline_mm + self._radius,
                     self._radius,
                 )
-                for tie in list_ties(number, self._frames, self._outlines)
+                for tie in list_ties(number, self._frames, self.outlines_mm)
                 if way.closes or not tie.loop
             ]
             before = self._frames[way.origin].made

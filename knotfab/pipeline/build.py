@@ -9,8 +9,6 @@ from knotfab.base.folder import OutputFolder
 from knotfab.base.pool import count_jobs
 from knotfab.base.progress import Progress
 from knotfab.hold.modeller import keep_modeller
-from knotfab.picture.frames import read_frames
-from knotfab.picture.read import Target, read_targets
 from knotfab.pipeline.verifier import Verifier
 from knotfab.plan import Attempts
 from knotfab.request import Outcome, Request, require_device
@@ -37,10 +35,8 @@ def run_build(request: Request, progress: Progress | None = None) -> Outcome:
     with recording(), OutputFolder(request.out) as folder, ExitStack() as stack:
         for line in request.preview:
             progress.say(line)
-        with progress.stage("picture"):
-            targets = request.targets or _read_pictures(request)
         # frames side by side, each with two processes to verify and one to slice
-        jobs = min(len(targets), max(1, count_jobs() // 2)) if film else 1
+        jobs = min(len(request.targets), max(1, count_jobs() // 2)) if film else 1
         verifier = stack.enter_context(Verifier(request.skip, jobs=jobs))
         # imported only now, while the validators load in their own processes
         from knotfab.part.slicer import SlicerQueue
@@ -48,8 +44,8 @@ def run_build(request: Request, progress: Progress | None = None) -> Outcome:
         from knotfab.pipeline.plan import Workshop, plan_piece, plan_supports
 
         slicer = stack.enter_context(SlicerQueue(jobs=jobs))
-        stack.enter_context(keep_modeller(request.is_mounted(targets)))
-        shop = Workshop(targets, folder, verifier, slicer, progress)
+        stack.enter_context(keep_modeller(request.mounted))
+        shop = Workshop(request.targets, folder, verifier, slicer, progress)
         if film:
             from knotfab.pipeline.film import plan_film
 
@@ -57,16 +53,9 @@ def run_build(request: Request, progress: Progress | None = None) -> Outcome:
             title = "a sequence"
         else:
             piece, report = attempts.carry_out(plan_supports(shop, request, plan_piece))
-            pieces, title = [piece], " and ".join(target.shown for target in targets)
+            pieces, title = [piece], " and ".join(target.shown for target in request.targets)
         report = replace(report, attempts=tuple(attempts.made))
         return finish_build(folder, request, report, title, pieces, progress)
-
-
-def _read_pictures(request: Request) -> tuple[Target, ...]:
-    views, base = request.scene.views, request.base
-    if request.sequence:
-        return read_frames(request.pictures, views[0], base=base)
-    return read_targets(request.pictures, views, base=base)
 
 
 # for one view in draft; progress corrects them by what this machine takes

@@ -12,8 +12,6 @@ import numpy as np
 from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.design.film import Chain, SequenceFrame, measure_motion
-from knotfab.design.motion import wall_motion
-from knotfab.design.question import silhouette_polygon
 from knotfab.knots import count_in_words, read_knots
 from knotfab.limits.feasibility import LEAST
 from knotfab.part.slicer_process import sum_slicings
@@ -42,7 +40,7 @@ from knotfab_validators.shadows.verdict_rules import worst_verdict
 
 PICTURES = "picture-frame-*"  # how scene.toml names the frames' pictures
 _OF_FRAME = ("pose", "bars", "feet")  # keys of `print` told by frame
-_SUMMED = ("time_s", "filament_m", "filament_g", "support_g")  # keys of `print` summed over frames
+_SLICED = ("time_s", "filament_m", "filament_g", "support_g")  # those that the slicer tells
 _FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
 Line = TypeVar("Line", EffectLine, LimitLine)
 Named = TypeVar("Named", Check, EffectLine, LimitLine)
@@ -84,7 +82,7 @@ def plan_film(
     if (apart := tell_apart(targets, knots)) is not None:
         progress.say(apart)
     found: dict[int, tuple[SequenceFrame, WrittenPiece]] = {}
-    left = request.budget(progress.total, targets)
+    left = request.budget(progress.total)
     chain = Chain(request.scene, targets, request.device, progress, left)
     for number in chain.order:
         frame, one = (yield from chain.plan(number, why)), [targets[number]]
@@ -101,30 +99,24 @@ def plan_film(
     for piece in pieces:
         reports.append((yield _Frame(shop, request, piece)))
     with progress.stage("motion"):
-        motions = _measure_motions(folder, pieces)
+        motions = _measure_motions(folder, pieces, chain.outlines_mm)
     closing = [check_closing(motions[-1])] if request.scene.sequence.loop else []
     with progress.stage("report"):
         whole = reports, pieces, frames, motions, [check_motion(motions[:-1]), *closing]
         return list(pieces), _sequence_report(*whole, request)
 
 
-def _measure_motions(folder: OutputFolder, pieces: Sequence[WrittenPiece]) -> list[Motion]:
+def _measure_motions(
+    folder: OutputFolder, pieces: Sequence[WrittenPiece], outlines_mm: Sequence[float]
+) -> list[Motion]:
     """Measure from the written knots the motion into frames 2, 3, … and, last, back to frame 1."""
-    points, outlines = [], []
+    points = []
     for piece in pieces:
         assert piece.scene.pose is not None
         written = read_knots(folder.file(f"knots{piece.suffix}.json"))
         points.append(written.moved(np.array(piece.scene.pose.matrix)).points)
-        outlines.append(silhouette_polygon(piece.scene.views[0], piece.targets[0]))
-    knots = pieces[0].made.knots
-    ahead = [*range(1, len(pieces)), 0]
-    view = pieces[0].scene.views[0]
-    ways = [
-        wall_motion(view, outlines[k], outlines[n], len(knots.knots)) for k, n in enumerate(ahead)
-    ]
-    return [
-        measure_motion(points[k], points[n], ways[k], knots.radius_mm) for k, n in enumerate(ahead)
-    ]
+    ways = zip(points, [*points[1:], points[0]], outlines_mm, strict=True)
+    return [measure_motion(*way, pieces[0].made.knots.radius_mm) for way in ways]
 
 
 def write_scene(folder: OutputFolder, asked: ResolvedScene, first: ResolvedScene) -> Path:
@@ -246,7 +238,7 @@ def _list_views(
                     began_as=None if frame.way is None else frame.way.origin + 1,
                     certificate=Certificate(**vars(log), certified=log.certified),
                     mount=report.print.mount or MountFigures(kind="none"),
-                    **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SUMMED)},
+                    **{key: getattr(report.print, key) for key in (*_OF_FRAME, *_SLICED)},
                     notes=tuple(n for n in report.notes if n not in shared),
                     failed=tuple(check.name for check in list_unmet(report.checks)),
                 )
@@ -255,18 +247,13 @@ def _list_views(
 
 
 def _sum_prints(reports: Sequence[Report]) -> Print:
+    """Sum what all frames take, but for what the slicer tells, which `with_slicing` adds."""
     first, prints = reports[0].print, [r.print for r in reports]
-    sums: dict[str, Any] = {
-        key: sum(getattr(one, key) for one in prints)
-        for key in ("volume_mm3", "mass_g", *_SUMMED)
-        if getattr(first, key) is not None
-    }
-    if sums.get("filament_g"):
-        sums["support_share"] = sums["support_g"] / sums["filament_g"]
+    own: dict[str, Any] = dict.fromkeys((*_OF_FRAME, *_SLICED, "support_share"))
+    own |= {key: sum(getattr(one, key) for one in prints) for key in ("volume_mm3", "mass_g")}
     drawings = tuple(name for one in prints for name in one.drawings or ())
-    alone: dict[str, Any] = dict.fromkeys(_OF_FRAME)
-    alone["supports"] = sum_supports([one.supports for one in prints])
-    return replace(first, **alone, **sums, parts=len(prints), drawings=drawings)
+    supports = sum_supports([one.supports for one in prints])
+    return replace(first, **own, supports=supports, parts=len(prints), drawings=drawings)
 
 
 def advise(views: Sequence[FrameView], radius: float) -> list[str]:

@@ -162,7 +162,7 @@ def plan_supports(
 
 def plan_piece(shop: Workshop, request: Request, why: str = "") -> Steps[Made]:
     """Plan one piece: its searches, then the places and holders on which it is tried."""
-    left = request.budget(shop.progress.total, shop.targets)
+    left = request.budget(shop.progress.total)
     made = yield from plan_searches(
         request.scene, shop.targets, request.device, shop.progress, left, why
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ from knotfab.picture.read import Target, name_targets, read_targets
 from knotfab.picture.source import DRAWN_SUFFIXES, SECONDS, TEXT_PREFIX, plain_name
 from knotfab.pipeline.choose_supports import choose_supports
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
-from knotfab.pipeline.read_lamps import read_lamps
+from knotfab.pipeline.read_lamps import Call, read_lamps
 from knotfab.pipeline.read_options import read_scene, read_skips
 from knotfab.pipeline.values import read_seconds
 from knotfab.request import Promise, Request
@@ -46,7 +46,6 @@ from knotfab_formats.scene import ResolvedScene
 if TYPE_CHECKING:
     from knotfab.design.agree import Agreement
     from knotfab.design.survey import Survey
-    from knotfab.picture.lamps import Separation
 
 _SCATTERED = 12  # pieces, crumbs aside, of a photograph of which another reading draws others
 
@@ -85,9 +84,8 @@ def prepare_build(
     scene, otherwise, why = way
     return Request(
         scene,
-        call.sources,
+        call.targets,
         out,
-        base=call.base,
         printing=printing,
         device=options.device,
         skip=skipped,
@@ -95,7 +93,6 @@ def prepare_build(
         command=command,
         colours=options.colours,
         sequence=options.sequence,
-        targets=call.targets,
         preview=tuple(describe(found)),
         promise=_promise(found, scene),
         otherwise=otherwise,
@@ -159,24 +156,9 @@ def survey_pictures(
         return replace(found, guess=replace(found.guess, told=guess_told(found)))
 
 
-@dataclass(frozen=True)
-class _Call:
-    """A call whose scene and pictures have been read."""
-
-    scene: ResolvedScene
-    sources: tuple[str, ...]
-    base: Path | None  # the folder that relative pictures start from
-    targets: tuple[Target, ...]
-    name: str  # of the piece
-    told: tuple[str, ...] = ()  # what a preview adds, a sentence each
-    agreed: Agreement | None = None  # of several pictures
-    parted: Separation | None = None  # the masks for lamps, of a picture in colours
-    budget_s: float | None = None  # for the whole build
-
-
 def _read_call(
     pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int = 0
-) -> _Call:
+) -> Call:
     """Read scene and pictures of a call; `glance` as for `read_target`."""
     if options.no_loop and not options.sequence:
         raise InputError(
@@ -192,17 +174,14 @@ def _read_call(
 
 def _read_pieces(
     pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int
-) -> _Call:
+) -> Call:
     scene, folder = read_scene(options)
     sources = _list_sources(pictures, scene, options.scene)
     _check_font(options.font, sources)
     base = None if pictures else folder
     if options.lamps is not None or scene.share_wall:
         _refuse_directions(options, "lamps before one screen have places by themselves")
-        lit = read_lamps(scene, sources, options, base, progress, named=not pictures)
-        return _Call(
-            lit.scene, sources, base, lit.targets, lit.name, parted=lit.parted, told=lit.told
-        )
+        return read_lamps(scene, sources, options, base, progress, named=not pictures)
     scene, open_ = _place_views(scene, sources, options)
     _require(scene)
     with progress.stage("picture"):
@@ -219,11 +198,11 @@ def _read_pieces(
     names = [name_sequence(sources[0])] if options.sequence else [t.name for t in targets]
     name = plain_name("-".join(dict.fromkeys(names)), "picture")
     told = (*(agreed.lines if agreed else ()), *_tell_knots(scene, targets))
-    return _Call(scene, sources, base, targets, name, told, agreed)
+    return Call(scene, targets, name, told, agreed)
 
 
 def _survey_first(
-    call: _Call, sequence: bool, printing: bool, placed: bool = False
+    call: Call, sequence: bool, printing: bool, placed: bool = False
 ) -> tuple[tuple[ResolvedScene, ResolvedScene | None, str], Survey]:
     """Survey a call as it is built first: its scene, the one to build after it, and why it has supports."""
     way = choose_supports(call.scene, call.targets, printing)
@@ -312,7 +291,7 @@ def _tell_knots(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[str, .
     return (f"--knots {asked}: the picture {is_}. A knot more would draw nothing",)
 
 
-def _survey(call: _Call, sequence: bool, printing: bool, placed: bool = False) -> Survey:
+def _survey(call: Call, sequence: bool, printing: bool, placed: bool = False) -> Survey:
     """Survey the pictures of a call, with the tube that a build chooses where no budget decides it."""
     from knotfab.design.survey import survey
 

@@ -19,18 +19,21 @@ from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.views import Reading
 
 if TYPE_CHECKING:
+    from knotfab.design.agree import Agreement
     from knotfab.picture.lamps import Separation
 
 
 @dataclass(frozen=True)
-class LampsCall:
-    """The scene with its lamps placed, and the picture that each must cast."""
+class Call:
+    """A call whose scene and pictures have been read."""
 
     scene: ResolvedScene
-    targets: tuple[Target, ...]  # one mask per lamp
+    targets: tuple[Target, ...]  # one for each view, lamp or frame
     name: str  # of the piece
-    parted: Separation | None  # how a picture in colours was separated
-    told: tuple[str, ...]  # lines for the user
+    told: tuple[str, ...] = ()  # what a preview adds, a sentence each
+    agreed: Agreement | None = None  # of several pictures
+    parted: Separation | None = None  # how a picture in colours was separated for its lamps
+    budget_s: float | None = None  # for the whole build
 
 
 def read_lamps(
@@ -41,7 +44,7 @@ def read_lamps(
     progress: Progress,
     *,
     named: bool,
-) -> LampsCall:
+) -> Call:
     """Read the pictures of a call with lamps, separate one in colours into masks, and place the lamps.
 
     Args:
@@ -108,7 +111,7 @@ def read_lamps(
         scene, told = place_lamps(scene, targets)
     require_lamps(scene, "the scene's lamps")
     told = (*(() if parted is None else parted.lines), *told)
-    return LampsCall(scene, targets, name, parted, told)
+    return Call(scene, targets, name, told, parted=parted)
 
 
 def _require_colours(scene: ResolvedScene) -> None:

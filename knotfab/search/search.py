@@ -119,7 +119,7 @@ def _tell_end(state: SearchState, walked: int, timed: bool) -> str:
     if repairs := state.log.repairs:
         broken = state.breaks_limits(state.points)
         until = "the most there are, in vain" if broken else "until every limit held"
-        told += f", then {repairs} rounds of repairs, {until}"
+        told += f", then {repairs} round{'s' * (repairs > 1)} of repairs, {until}"
     return told
 
 

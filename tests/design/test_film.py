@@ -338,7 +338,7 @@ def test_the_first_way_that_serves_is_taken_else_the_best(
     question: Any = SimpleNamespace(problem=SimpleNamespace(polygons=[None]))
     vars(frames).update(
         _frames={0: SequenceFrame(0, made)}, _questions=[question, question],
-        _outlines=[1.0, 1.0], _radius=12.0, _why="", _longest=[1.0, 1.0],
+        outlines_mm=[1.0, 1.0], _radius=12.0, _why="", _longest=[1.0, 1.0],
         _settings=PRESETS["sketch"],
     )  # fmt: skip
     found = Attempts(Progress("quiet")).carry_out(frames._plan(1, 0))

@@ -221,7 +221,7 @@ def test_every_attempt_is_told_with_what_came_of_it(good: Good) -> None:
     assert told[0]["what"].startswith("search: ")
     ended = [one["ended"] for one in told if "search" in one["what"]]
     assert all(
-        re.match(r"all \d+ iterations(, then \d+ rounds of repairs, )?", one) for one in ended
+        re.match(r"all \d+ iterations(, then \d+ rounds? of repairs, )?", one) for one in ended
     )
     assert not any("ended" in one for one in told if one["what"].startswith(("part", "piece")))
     assert [one["what"] for one in told[-2:]] == ["part on no mount", "piece on no mount"]

@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw
 from reports import report_with
 
 from knotfab.part.slicer_process import REMEDY, find_slicer
+from knotfab.picture.frames import read_frames
 from knotfab.pipeline.build import run_build
 from knotfab.pipeline.film import advise, check_closing, check_motion, list_effects
 from knotfab.request import Outcome, Request
@@ -66,9 +67,8 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     names = _frames(folder, (0.0, 16.0))
     request = Request(
         resolve(_scene(mount=Mount(kind="wall"))),
-        tuple(names),
+        read_frames(names, base=folder),
         folder / "out",
-        base=folder,
         printing=True,
         sequence=True,
         command="test",

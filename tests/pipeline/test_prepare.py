@@ -15,7 +15,7 @@ from knotfab.base.progress import Progress
 from knotfab.picture.raster import encode_mask
 from knotfab.pipeline.options import ALL_OUT, BuildOptions, options_from
 from knotfab.pipeline.prepare import prepare_build
-from knotfab.pipeline.read_lamps import LampsCall, read_lamps
+from knotfab.pipeline.read_lamps import Call, read_lamps
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
@@ -143,7 +143,7 @@ def draw(path: Path, *colours: str, width: int = 120) -> str:
     return str(path)
 
 
-def call(scene: Scene, *sources: str, named: bool = False, **options: object) -> LampsCall:
+def call(scene: Scene, *sources: str, named: bool = False, **options: object) -> Call:
     asked = BuildOptions(**options)  # type: ignore[arg-type]
     return read_lamps(resolve(scene), sources, asked, None, Progress("quiet"), named=named)
 

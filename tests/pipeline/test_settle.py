@@ -137,9 +137,7 @@ def settle(maker: Maker, scene: str, patch: pytest.MonkeyPatch, **keys: Any) -> 
 
     patch.setattr(planning, "plan_searches", plan_searches)
     patch.setattr(planning, "part_of", maker.part)
-    request = Request(
-        resolve(parse_scene(scene)), ("i",), Path("out"), **{"printing": True, **keys}
-    )
+    request = Request(resolve(parse_scene(scene)), (), Path("out"), **{"printing": True, **keys})
     first = replace(maker.design(request.scene), radius="chosen")
     attempts = Attempts(Progress("quiet"))
     made, _, said = attempts.carry_out(
@@ -331,7 +329,7 @@ def test_what_was_moved_to_its_wall_repeats_from_its_scene() -> None:
     scene = parse_scene(
         f"[accuracy]\niou_floor = 0.1\n[search]\n{lines}[[views]]\nframe_width_mm = 60.0"
     )
-    request = Request(resolve(scene), ("=",), Path("out"), printing=True)
+    request = Request(resolve(scene), (), Path("out"), printing=True)
     far: Any = Maker(target, 0.0).design(scene)
     quiet = Progress("quiet")
     made = Attempts(quiet).carry_out(
@@ -434,7 +432,7 @@ def test_the_slicers_supports_are_an_attempt_of_the_same_plan(
     """What was written first is gone when they are tried; without a second way the error is the build's."""
     way = resolve(parse_scene('[piece]\nsupports = "none"'))
     other = resolve(parse_scene('[piece]\nsupports = "slicer"')) if otherwise else None
-    request = Request(way, ("i",), tmp_path / "out", otherwise=other)
+    request = Request(way, (), tmp_path / "out", otherwise=other)
     attempts, seen, forgotten = Attempts(Progress("quiet")), list[Request](), list[str]()
 
     def plan(shop: Workshop, asked: Request, why: str) -> Any:

@@ -44,7 +44,7 @@ def told(tmp_path: Any, percent: float) -> Report:
         binding=(),
         unmet=None,
     )
-    request = Request(made.scene, ("heart.png",), tmp_path)
+    request = Request(made.scene, (), tmp_path)
     found = verdict_of(), (), (), print_of(made, (), ())
     return report_of(request, made, enlarge_knots(made), *found, ())
 

@@ -107,7 +107,7 @@ def standing_part(bars: int) -> Any:
 
 
 def request(asked: ResolvedScene, **more: Any) -> Request:
-    return Request(asked, ("a.png",), Path("out"), printing=True, **more)
+    return Request(asked, (), Path("out"), printing=True, **more)
 
 
 def test_feet_and_bars_are_measured() -> None:

@@ -16,7 +16,7 @@ from knotfab.base.errors import SceneError
 from knotfab.design.hull import HullBound
 from knotfab.design.question import _crop_to_hull, ask
 from knotfab.limits.terms import Felt
-from knotfab.picture.read import Target
+from knotfab.picture.read import Target, read_targets
 from knotfab.pipeline.build import run_build
 from knotfab.problem import Start
 from knotfab.request import Request
@@ -201,9 +201,10 @@ def test_a_wall_mount_is_refused_whether_it_is_printed_or_not(
 ) -> None:
     Image.fromarray(~draw_mask(DISC, 100.0)).save(tmp_path / "a.png")
     file = str(tmp_path / "a.png")
-    scene = Scene(views=scene_views(), mount=Mount(kind="wall"))
+    scene = resolve(Scene(views=scene_views(), mount=Mount(kind="wall")))
+    targets = read_targets((file, file), scene.views)
     with pytest.raises(InputError, match="mount"):
-        run_build(Request(resolve(scene), (file, file), tmp_path / "o", printing=printing))
+        run_build(Request(scene, targets, tmp_path / "o", printing=printing))
 
 
 def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
@@ -224,9 +225,7 @@ def test_what_others_leave_of_a_silhouette_is_the_hulls_shadow() -> None:
 def test_pictures_and_views_must_be_as_many(tmp_path: Path) -> None:
     Image.fromarray(~draw_mask(DISC, 100.0)).save(tmp_path / "a.png")
     with pytest.raises(InputError, match="1 pictures are given for 2 views"):
-        run_build(
-            Request(resolve(Scene(views=scene_views())), (str(tmp_path / "a.png"),), tmp_path / "o")
-        )
+        read_targets((str(tmp_path / "a.png"),), resolve(Scene(views=scene_views())).views)
 
 
 @pytest.mark.build
@@ -239,7 +238,7 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
     for name, polygon in (("a", DISC), ("b", SQUARE)):
         Image.fromarray(~draw_mask(polygon, 100.0)).save(tmp_path / f"{name}.png")
     front, side = scene_views()
-    scene = Scene(
+    asked = Scene(
         piece=Piece(tube_radius_mm=7.0, bend=0.0),
         views=(front, side.model_copy(update={"kind": "eye"})),
         accuracy=Accuracy(name="draft", max_outline_error_px=1.5),
@@ -252,9 +251,9 @@ def test_a_build_of_a_shadow_and_a_glimpse(tmp_path: Path) -> None:
             "settle_iterations": 20,
         },
     )
-    pictures = (str(tmp_path / "a.png"), str(tmp_path / "b.png"))
-    skip = frozenset({"shadow-render", "slicer"})
-    request = Request(resolve(scene), pictures, tmp_path / "out", printing=True, skip=skip)
+    scene, skip = resolve(asked), frozenset({"shadow-render", "slicer"})
+    targets = read_targets(("a.png", "b.png"), scene.views, base=tmp_path)
+    request = Request(scene, targets, tmp_path / "out", printing=True, skip=skip)
     outcome = run_build(request)
     report = outcome.report
     assert outcome.exit_code == 0, [c for c in report["checks"] if c["status"] == "fail"]
