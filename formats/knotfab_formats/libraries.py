@@ -5,12 +5,19 @@ Maker, validators and fixtures do so alike; records of their processes come back
 
 from __future__ import annotations
 
+import importlib
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
 
 Deeds = dict[str, list[str]]
+# what pyvista loads for its charts and cadquery for its viewer: .1 and .4 s
+_IDLE = ("matplotlib.pyplot", "vtk")
 _told: ContextVar[Deeds | None] = ContextVar("libraries", default=None)
 
 
@@ -29,6 +36,27 @@ def leave_out_settings_of_matplotlib() -> None:
         import matplotlib  # noqa: F401
     finally:
         os.chdir(here)
+
+
+class _Deferred(ModuleType):
+    """A module that is loaded when something of it is asked for."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.__spec__ = ModuleSpec(name, None)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") and name not in ("__path__", "__all__"):
+            raise AttributeError(name)  # what looks through all modules asks for nothing
+        if sys.modules.get(self.__name__) is self:
+            del sys.modules[self.__name__]
+        return getattr(importlib.import_module(self.__name__), name)
+
+
+def defer_idle_modules() -> None:
+    """Have modules that libraries load, and no worker needs, wait until something of them is asked for."""
+    for name in _IDLE:
+        sys.modules.setdefault(name, _Deferred(name))
 
 
 def took_part(library: str, *deeds: str) -> None:

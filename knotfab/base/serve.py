@@ -22,7 +22,11 @@ from collections.abc import Iterator
 from queue import SimpleQueue
 from typing import Any
 
-from knotfab_formats.libraries import leave_out_settings_of_matplotlib, recording
+from knotfab_formats.libraries import (
+    defer_idle_modules,
+    leave_out_settings_of_matplotlib,
+    recording,
+)
 
 
 def main(module: str, *words: str) -> None:
@@ -31,6 +35,7 @@ def main(module: str, *words: str) -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)
     leave_out_settings_of_matplotlib()
+    defer_idle_modules()
     gc.set_threshold(20_000, 20, 20)  # the libraries make a million things that stay
     requests: SimpleQueue[bytes] = SimpleQueue()
     busy = threading.Event()

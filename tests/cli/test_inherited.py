@@ -44,6 +44,22 @@ def test_settings_of_matplotlib_decide_nothing(case: str, tmp_path: Path) -> Non
     assert child.stdout.strip().lower() == "agg", child.stderr
 
 
+def test_a_module_that_libraries_load_in_vain_is_whole_once_it_is_asked() -> None:
+    asked = (
+        "import sys; from knotfab_formats.libraries import *; defer_idle_modules();"
+        "import pyvista.plotting, matplotlib.pyplot as asked;"
+        "was = [hasattr(asked, '__file__'), 'matplotlib.projections' in sys.modules];"
+        "line = asked.figure().gca().plot([1, 2])[0];"
+        "import matplotlib.pyplot as after; print(was, len(line.get_xdata()), after.__file__)"
+    )
+    child = subprocess.run(
+        [sys.executable, "-c", asked], capture_output=True, text=True,
+        env={**os.environ, "MPLBACKEND": "agg"},
+    )  # fmt: skip
+    assert child.stdout.startswith("[False, False] 2 "), child.stderr
+    assert child.stdout.strip().endswith("pyplot.py")
+
+
 def test_a_stack_that_is_too_small_is_told(tmp_path: Path) -> None:
     resource = pytest.importorskip("resource")
     call = [sys.executable, "-m", "knotfab", "printers"]
