@@ -235,20 +235,20 @@ def clean_body(body: Mesh) -> Mesh:
     Args:
         body: a closed mesh in print coordinates.
     """
-    rounded = body
     for tolerance in TOLERANCES_MM:
         # the second time, what is rounded already: that finds the slivers that rounding turned over
         for _ in range(2):
-            vertices, faces = as_mesh(as_manifold(rounded).simplify(tolerance))
-            rounded = vertices.astype(np.float32).astype(np.float64), faces
-            if _is_clean(rounded):
-                return rounded
-        for find in (_cross_slivers, _find_crossing):  # all faces take half a second
-            if len(pairs := find(*rounded)):
-                joined = _join_corners(rounded, pairs, 2 * tolerance)
-                if _is_clean(joined) and not as_manifold(joined).is_empty():
+            vertices, faces = as_mesh(as_manifold(body).simplify(tolerance))
+            body = vertices.astype(np.float32).astype(np.float64), faces
+            surface = _Surface(*body)
+            if surface.is_clean:
+                return body
+        for find in ("crossing_slivers", "crossing"):  # all faces take half a second
+            if len(pairs := getattr(surface, find)):
+                joined = _join_corners(body, pairs, 2 * tolerance)
+                if _Surface(*joined).is_clean and not as_manifold(joined).is_empty():
                     return joined
-    return rounded
+    return body
 
 
 def _join_corners(body: Mesh, pairs: Indices, within_mm: float) -> Mesh:
@@ -270,29 +270,45 @@ def _join_corners(body: Mesh, pairs: Indices, within_mm: float) -> Mesh:
     return vertices[used], joined.reshape(-1, 3).astype(np.int32)
 
 
-def _is_clean(body: Mesh) -> bool:
-    """Return whether no faces cross, none is without an area, and no two corners are one.
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """A surface. Its pairs (k, 2) of faces that cross are looked for once, when they are asked for."""
 
-    Slivers and what meets them are asked first: what rounding turns over is among them, nearly always.
-    """
-    vertices, faces = body
-    return bool(
-        np.linalg.norm(face_normals(vertices[faces]), axis=1).all()
-        and not len(_cross_slivers(vertices, faces))
-        and len(np.unique(vertices, axis=0)) == len(vertices)
-        and not len(_find_crossing(vertices, faces))
-    )
+    vertices: Array
+    faces: Faces
 
+    @cached_property
+    def is_clean(self) -> bool:
+        """Whether no faces cross, none is without an area, and no two corners are one.
 
-def _cross_slivers(vertices: Array, faces: Faces) -> Indices:
-    """Return pairs (k, 2) of faces that cross, among slivers and what meets them."""
-    edges = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
-    doubled = np.linalg.norm(face_normals(vertices[faces]), axis=1)
-    slivers = doubled <= _SLIVER_MM * np.linalg.norm(edges, axis=2).max(axis=1)
-    thin = np.zeros(len(vertices), dtype=bool)
-    thin[faces[slivers]] = True
-    asked = np.flatnonzero(thin[faces].any(axis=1))
-    return asked[_find_crossing(vertices, faces[asked])]
+        Slivers and what meets them are asked first: what rounding turns over is among them, nearly always.
+        """
+        return bool(
+            self._doubled.all()
+            and not len(self.crossing_slivers)
+            and len(np.unique(self.vertices, axis=0)) == len(self.vertices)
+            and not len(self.crossing)
+        )
+
+    @cached_property
+    def crossing_slivers(self) -> Indices:
+        """Pairs among slivers and what meets them."""
+        corners = self.vertices[self.faces]
+        edges = corners - np.roll(corners, 1, axis=1)
+        slivers = self._doubled <= _SLIVER_MM * np.linalg.norm(edges, axis=2).max(axis=1)
+        thin = np.zeros(len(self.vertices), dtype=bool)
+        thin[self.faces[slivers]] = True
+        asked = np.flatnonzero(thin[self.faces].any(axis=1))
+        return asked[_find_crossing(self.vertices, self.faces[asked])]
+
+    @cached_property
+    def crossing(self) -> Indices:
+        return _find_crossing(self.vertices, self.faces)
+
+    @cached_property
+    def _doubled(self) -> Array:
+        """The faces' areas, doubled."""
+        return np.asarray(np.linalg.norm(face_normals(self.vertices[self.faces]), axis=1))
 
 
 def _find_crossing(vertices: Array, faces: Faces) -> Indices:
