@@ -68,10 +68,7 @@ def _find(scene: Any, knots: Any) -> Iterator[tuple[str, object]]:
     )
     if printer.process == "powder" != process:
         yield "process", '"powder"'
-    elif scene.material.process != printer.process and "powder" in (
-        scene.material.process,
-        process,
-    ):
+    elif scene.material.process != printer.process:
         yield "process", f'"{scene.material.process}"'
     for dotted, (least, most) in (BOUNDS[""] | BOUNDS[process]).items():
         table, key = dotted.split(".")

@@ -28,6 +28,7 @@ from knotfab.design.retries import (
 )
 from knotfab.design.settings import (
     fix_view,
+    outline_mm,
     outline_px,
     place_directions,
     place_start,
@@ -42,7 +43,7 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.raster import silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.plan import Attempts, Search, Steps
-from knotfab.problem import Problem, SearchResult, Start
+from knotfab.problem import SearchResult, Start
 from knotfab.scene.require import require_tube
 from knotfab.search.flow import plan_of
 from knotfab.search.objective import Pose
@@ -361,18 +362,9 @@ def _tell_scene(progress: Progress, question: Question, radius: float | None) ->
 
 def refine_settings(question: Question, settings: SearchSettings, radius: float) -> SearchSettings:
     """Refine facets and vertices until the outline's error stays within its limit in every view."""
-    problem: Problem = question.problem
-    limit_px = outline_px(question.scene.accuracy, settings)
-    allowed = []
-    for view in question.views:
-        light = view.light_distance_mm
-        front = 0.2 * light  # the depth is unknown: assume a fifth of the way to the light
-        if len(question.views) == 1:
-            front = 0.5 * (problem.depth_mm or 0.0) + radius
-        # the part nearest to the light casts the largest shadow
-        largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
-        allowed.append(limit_px * view.pixel_mm / largest)
-    return refine_mesh(settings, radius, problem.limits(radius).bend_radius, min(allowed))
+    problem, limit_px = question.problem, outline_px(question.scene.accuracy, settings)
+    allowed = outline_mm(question.views, limit_px, problem.depth_mm or 0.0, radius)
+    return refine_mesh(settings, radius, problem.limits(radius).bend_radius, allowed)
 
 
 def _resolve(

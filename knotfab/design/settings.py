@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,20 @@ def outline_px(accuracy: Accuracy, settings: SearchSettings) -> float:
     """Return the largest error allowed to the file's shadow, px: the scene's, or else the preset's."""
     asked = accuracy.max_outline_error_px
     return settings.outline_px if asked is None else asked
+
+
+def outline_mm(
+    views: Sequence[ResolvedView], limit_px: float, depth_mm: float, radius_mm: float
+) -> float:
+    """Return how far a mesh may stand out of the exact tube, mm, for an error of so many px in any view."""
+    allowed = []
+    for view in views:
+        light = view.light_distance_mm
+        # the part nearest to the light casts the largest shadow; where that is unknown, a fifth of the way
+        front = 0.2 * light if len(views) > 1 else 0.5 * depth_mm + radius_mm
+        largest = (light + view.wall_distance_mm) / max(light - front, 0.1 * light)
+        allowed.append(limit_px * view.pixel_mm / largest)
+    return min(allowed)
 
 
 # Starting values of free views (`[search] free_view`).

@@ -48,6 +48,8 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
 GUESSED = 1.12  # over a limit, by as much as guesses are off
+# tube radii: shorter pieces are no larger than the loops that a tube closes in, and are drawn as blobs
+_CLOSES = 8.0
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube
 # area of roots over the square of the picture's longer side, by how much arches lengthen
 _ROOTS = 0.075
@@ -367,8 +369,10 @@ def find_refusal(
                 "Use a simpler picture, or its largest pieces alone (--keep-largest 20)",
             )
     seen, given = views[0], scene.piece.tube_radius_mm is not None
-    if len(views) > 1 or sequence or given or seen.together <= _BLOBS:
+    if len(views) > 1 or sequence:
         return None
+    if (small := _refuse_small(seen, scene)) is not None or given or seen.together <= _BLOBS:
+        return small
     radius = scene.printer.min_tube_radius_mm * seen.px_per_mm
     return too_fine(
         recognisable_radius(seen.target.asked, radius),
@@ -378,6 +382,21 @@ def find_refusal(
         "its lines are too close together for any printable tube: as wide as one of "
         f"{2 * line_radius(seen.view):g} mm, {seen.together:.0%} of them run together",
         "",
+    )
+
+
+def _refuse_small(seen: ViewSurvey, scene: ResolvedScene) -> SceneError | None:
+    """Return the error of a picture of pieces too short for a tube to close in any of them, else None."""
+    radius = line_radius(seen.view) if seen.view.lines else scene.thinnest_mm
+    boxes = np.array([piece.bounds for piece in seen.polygon.geoms]) / seen.px_per_mm
+    longest, least = float((boxes[:, 2:] - boxes[:, :2]).max()), _CLOSES * radius
+    if longest >= least or (scene.piece.knots or seen.pieces) < seen.pieces:
+        return None
+    return SceneError(
+        PICTURE,
+        f"none of its pieces would be longer than {longest:.1f} mm, and a closed tube {2 * radius:g} mm "
+        f"thick draws none below {least:.1f} mm",
+        f"Use --size {math.ceil(seen.view.longer_mm * least / longest)}",
     )
 
 

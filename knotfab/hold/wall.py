@@ -19,7 +19,7 @@ from knotfab.hold.solids import Fixture, fuse, motion_along, strut
 from knotfab.hold.struts import GROUND, Candidates, Obstacles, Sites, join_members, no_members
 from knotfab.knots import Knots
 from knotfab.scene.camera import Camera
-from knotfab_fixtures.solids import dowel, wall_plate
+from knotfab_fixtures.solids import ARROW_MARKS, dowel, wall_plate
 from knotfab_fixtures.solids import peg as peg_mesh
 from knotfab_formats.piece import Mount
 
@@ -338,17 +338,14 @@ def _peg_fixtures(peg: Peg, wall: Array, settings: Mount) -> list[Fixture]:
 def _plate_fixture(camera: Camera, wall: Array, mount: WallMount) -> Fixture:
     """Make the plate, its face on the receiver plane, a margin wider than the frame."""
     s = mount.settings
-    width, height = camera.frame_mm
-    sizes = (
-        width + 2 * s.plate_margin_mm,
-        height + 2 * s.plate_margin_mm,
-        s.thickness_mm,
-        s.hole_diameter_mm,
-    )
+    width, height = (side + 2 * s.plate_margin_mm for side in camera.frame_mm)
+    sizes = width, height, s.thickness_mm, s.hole_diameter_mm
+    deep = mark_depth_mm(s)
+    beside = min(width / 2 - ARROW_MARKS * deep, height / 2 - deep)  # the arrow and the notches
     named = {
         "hole_inset_mm": hole_inset_mm(s),
-        "mark_mm": mark_depth_mm(s),
-        "corner_radius_mm": min(6.0, s.plate_margin_mm),
+        "mark_mm": deep,
+        "corner_radius_mm": min(6.0, s.plate_margin_mm, 0.95 * beside),
     }
     back = camera.middle - s.thickness_mm * wall[:, 2]
     return Fixture("plate", wall_plate, sizes, np.column_stack([wall, back]), named)

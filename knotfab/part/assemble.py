@@ -13,6 +13,7 @@ from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
+from knotfab.design.settings import outline_mm
 from knotfab.geometry.legs import Bar, find_legs, hide_behind, plan_bars
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import WITHIN_MM, Faces, Mesh, as_manifold, as_mesh, face_normals, sweep
@@ -28,6 +29,8 @@ from knotfab_formats.upright import MOST_BRIDGE_MM
 
 BESIDE_MM = 5.0  # a slicer's supports reach out of a piece's outline by at most this
 BESIDE_SHARE = 0.05  # a share of the printer's bed: a small one is used to its edge
+# share of the outline's error that a thinner line may use: the mesh stands out by at most 1.5 times as much
+_OFF_LINE = 0.44
 _ANY_SIZE = (1e6, 1e6, 1e6)
 
 
@@ -75,10 +78,8 @@ def part_of(
         SceneError: the piece does not fit the printer, or its mount does not fit the piece.
     """
     progress = progress or Progress("quiet")
-    radius = made.knots.radius_mm
     with progress.stage("part"):
-        sides = made.settings.mesh_sides
-        tubes = [sweep(k.points, radius, sides, WITHIN_MM) for k in made.knots.knots]
+        tubes = sweep_knots(made)
     scene = made.scene
     own: dict[str, Any] = {"piece": scene.piece.but(printed=printing)}
     if not printing:
@@ -100,11 +101,22 @@ def part_of(
         standing = None
         if scene.piece.supports == "none" and printing:
             hidden = hide_behind(masks[0], cameras[0].projection @ pose.matrix)
-            modulus = scene.material.young_modulus_mpa * stiffness_share(scene.printer, radius)
+            modulus = scene.material.young_modulus_mpa * stiffness_share(
+                scene.printer, made.knots.radius_mm
+            )
             in_plate = mounted.scene.mount.on_feet
             pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]
     return Part(bodies, pose, mounted, standing)
+
+
+def sweep_knots(made: Design) -> list[Mesh]:
+    """Make each knot's tube, on a line as near to its own as the outline of its shadow asks."""
+    scene, radius, sides = made.scene, made.knots.radius_mm, made.settings.mesh_sides
+    asked = scene.accuracy.max_outline_error_px
+    allowed = outline_mm(scene.views, asked, scene.piece.depth or 0.0, radius)
+    within = min(WITHIN_MM, _OFF_LINE * allowed)
+    return [sweep(k.points, radius, sides, within) for k in made.knots.knots]
 
 
 def _choose_pose(made: Design, mounted: Mounted, printing: bool) -> tuple[Mounted, PrintPose]:

@@ -210,7 +210,8 @@ def tell_unlike_preview(
         )
     if print_.time_s and print_.filament_g and promise.hours:
         grams, hours = print_.filament_g, print_.time_s / 3600
-        if max(abs(promise.grams / grams - 1), abs(promise.hours / hours - 1)) > GUESSED - 1:
+        pairs = (promise.grams, grams, 1.0), (promise.hours, hours, 0.1)
+        if any(abs(a - b) > max((GUESSED - 1) * b, least) for a, b, least in pairs):
             other.append(
                 f"it takes {grams:.0f} g and {hours:.1f} h, and not {promise.grams:.0f} g and "
                 f"{promise.hours:.1f} h"

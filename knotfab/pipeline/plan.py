@@ -198,8 +198,8 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
 
     Holders are settled in the order of a guess of their hours and grams, and only one that can be settled is
     built and verified. If a check fails, the next is tried, but not under a time budget, nor if the knots
-    break a limit, nor if the same checks failed as before. One that worsens the verdict gives way to one
-    that does not and costs little more.
+    break a limit, nor if the same checks failed as before on one that hardly shows. One that worsens the
+    verdict gives way to one that does not and costs little more.
     """
     refused: list[str] = []
     failed: set[str] = set()
@@ -216,7 +216,8 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
         done: Made = yield _Piece(shop, asked, settled[0], settled, said)
         unmet = list_failed(done[1])
         once = request.time_budget_s is not None or not made.result.feasible
-        if once or (unmet and unmet == failed):
+        # a holder that hardly shows did not spoil it, and neither does the next
+        if once or (unmet and unmet == failed and not dark):
             return done
         if not unmet:
             later = guesses[guesses.index(guess) + 1 :] if dark else []

@@ -21,6 +21,7 @@ from knotfab_formats.scene import ResolvedPrinter, ResolvedScene, Scene
 from knotfab_formats.struck import refuse_value
 
 _USUAL_MATERIALS = {"filament": "pla", "resin": "resin", "powder": "pa12"}
+_USUAL_PRINTERS = {"filament": "prusa-mk4", "resin": "form-3", "powder": "hp-mjf"}
 
 
 def printers() -> dict[str, Printer]:
@@ -112,14 +113,15 @@ def _find_material(own: Material, printer: Printer) -> Material:
     Raises:
         InputError: the printer does not print with such a material.
     """
-    if not own.model_fields_set:
-        own = Material(name=_USUAL_MATERIALS[printer.process])
+    if "name" not in own.model_fields_set:
+        own = own.but(name=_USUAL_MATERIALS[printer.process])
     found = _fill_in(own)
-    if found.process != printer.process and "powder" in (found.process, printer.process):
+    if found.process != printer.process:
         raise InputError(
             f"material {found.name!r}",
             f"printer {printer.name!r} prints with {printer.process}, and this is {found.process}",
-            f"Name another one, such as {_USUAL_MATERIALS[printer.process]}.",
+            f"Name another one (--material {_USUAL_MATERIALS[printer.process]}), or a printer of "
+            f"{found.process} (--printer {_USUAL_PRINTERS[found.process]})",
         )
     return found
 

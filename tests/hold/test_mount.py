@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,9 @@ from knotfab.geometry.tube import sweep
 from knotfab.hold.mount import mount_piece
 from knotfab.hold.placement import placement_of
 from knotfab.hold.plinth import Masses, Slope, base_for, slope_below
-from knotfab.hold.wall import mark_depth_mm
+from knotfab.hold.wall import WallMount, mark_depth_mm, wall_fixtures
 from knotfab.report.setup_words import level_wall, steps_of
+from knotfab.scene.camera import camera_of
 from knotfab.scene.catalogue import resolve
 from knotfab_fixtures.solids import ARROW_MARKS
 from knotfab_formats.piece import Mount, Printer
@@ -189,6 +191,21 @@ def test_notches_stay_in_the_margin_and_off_the_holes(
     deep = mark_depth_mm(Mount(plate_margin_mm=margin, hole_diameter_mm=hole))
     assert deep == pytest.approx(mark)
     assert ARROW_MARKS * deep < margin
+
+
+@pytest.mark.parametrize("margin", [3.0, 6.0, 8.0])
+@pytest.mark.parametrize("frame", [(3.0, 3.0), (7.0, 60.0), (60.0, 3.0)])
+def test_the_plate_of_the_smallest_picture_has_room_for_its_marks(
+    margin: float, frame: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = camera_of(VIEW.but(frame_width_mm=frame[0], frame_height_mm=frame[1]), 90, 90)
+    settings = Mount(foot="plate", plate_margin_mm=margin, hole_diameter_mm=2.0)
+    mount = WallMount(pegs=(), settings=settings, sag_mm=0.0, sag_at=np.zeros(3))
+    ((plate,),) = wall_fixtures(mount, view, 0)
+    assert plate.sizes[:2] == pytest.approx(np.add(frame, 2 * margin))
+    monkeypatch.setitem(sys.modules, "cadquery", None)
+    with pytest.raises(ImportError):  # and no ValueError: the sizes make a plate
+        plate.of(*plate.sizes, **plate.named)
 
 
 # The base of a stand: the highest plane below all frames, and no base in a picture.

@@ -346,7 +346,6 @@ def test_an_own_material_prints_like_pla_but_for_its_density() -> None:
 def test_only_filament_is_sliced() -> None:
     assert why_not_sliced(scene_of()) is None
     resin = "resin: only its own slicer can say"
-    assert why_not_sliced(scene_of("[material]\nname = 'resin'")) == resin
     assert why_not_sliced(scene_of("[printer]\nname = 'form-3'")) == resin
     assert why_not_sliced(scene_of("[printer]\nnozzle_mm = 0.1")) is None
     assert why_not_sliced(scene_of("[printer]\nnozzle_mm = 0.099")) == resin

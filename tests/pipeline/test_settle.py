@@ -384,6 +384,9 @@ def test_the_first_line_says_what_is_not_as_the_preview_told_and_why(
     built = report_with(print=printed, attempts=[again], warnings=longer)
     swaying = tell_unlike_preview(promise, built, scene, 2.0)
     assert bool(longer) == bool(swaying) == (told is not None)
+    light = report_with(print={**printed, "filament_g": 0.6, "time_s": 250.0})
+    tiny = replace(KEPT, grams=0.3, hours=0.02)  # both are less than anybody is told
+    assert not tell_unlike_preview(tiny, light, scene, 2.0)
     if told is not None:
         assert told in longer[0] == list_rows(built)[0].text.removesuffix(".")
         assert "3912 mm long, where 3000 mm are usual" in longer[0]

@@ -65,6 +65,8 @@ REFUSED: dict[str, Options] = {
     "heart.png --nozzle 3": {},
     "heart.png --nozzle 0.6 --printer form-3": {},
     "heart.png --nozzle 0.6 --printer hp-mjf": {},
+    "heart.png --printer form-3 --material pla": {},
+    "heart.png --material resin": {},
     "heart.png --printer prusa-mk5": {"printer": "prusa-mk4"},
     "heart.png --device cuda": {},
     "heart.png --bend 3": {},
@@ -98,6 +100,8 @@ REFUSED: dict[str, Options] = {
     "fine.png --size 45": {},
     "fine.png --size 45 --tube-radius 3": {},
     "many.png": {},
+    "dot.png --size 6": {},
+    "dot.png --size 20 --tube-radius 4": {},
     "leap/ --sequence": {},
 }
 # and what is refused once a build has begun, before or between its searches
@@ -207,6 +211,9 @@ def _draw(folder: Path) -> None:
         for column in range(20):
             dots[24 * row + 4 : 24 * row + 18, 24 * column + 4 : 24 * column + 18] = 0
     Image.fromarray(dots).save(folder / "many.png")
+    dot = Image.new("L", (400, 400), 255)
+    ImageDraw.Draw(dot).ellipse((40, 40, 360, 360), fill=0)
+    dot.save(folder / "dot.png")
     (folder / "leap").mkdir()
     for number, up in enumerate((-230, 230), start=1):
         frame = Image.new("L", (450, 350), 255)

@@ -114,10 +114,16 @@ def test_a_printer_brings_its_material_and_what_powder_needs() -> None:
     assert usual.printer.min_wall_mm == usual.printer.min_gap_mm == usual.printer.nozzle_mm
 
 
-@pytest.mark.parametrize(("printer", "material"), [("hp-mjf", "pla"), ("prusa-mk4", "pa12")])
-def test_powder_and_filament_do_not_mix(printer: str, material: str) -> None:
+@pytest.mark.parametrize(
+    ("printer", "material"),
+    [("hp-mjf", "pla"), ("prusa-mk4", "pa12"), ("form-3", "pla"), ("sls", "resin")]
+    + [("prusa-mk4", "resin")],
+)
+def test_a_printer_takes_the_materials_of_its_process_alone(printer: str, material: str) -> None:
     with pytest.raises(InputError, match=f"{material}.*{printer}.*Name another"):
         resolve(parse_scene(f"[printer]\nname = {printer!r}\n[material]\nname = {material!r}"))
+    own = f"[printer]\nname = {printer!r}\n[material]\ndensity_g_cm3 = 1.5"
+    assert resolve(parse_scene(own)).material.process == printers()[printer].process
 
 
 def test_unknown_names_are_refused_and_the_known_ones_listed() -> None:

@@ -89,7 +89,7 @@ def _plate_of(mount: Mount, view: ViewGeometry, back: Array) -> tuple[Solid, tup
         openings += [hull(np.array(notch)) for notch in notches]
         arrow = np.array([(0.0, y - w), (-w, y - 2 * w), (w, y - 2 * w)])
         openings.append(hull(arrow, -min(ARROW_MM, thick / 4)))
-    r = min(6.0, margin)
+    r = min(6.0, margin, 0.95 * (x - 4 * deep), 0.95 * (y - deep))  # beside arrow and notches
     corners = [
         round_outline((a * (x - r), b * (y - r)), r) if r > 0 else np.array([(a * x, b * y)])
         for a in (-1, 1)
