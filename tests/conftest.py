@@ -69,7 +69,7 @@ def _keep_modeller() -> Iterator[None]:
                 modeller._kept.reset(before)
 
         patch.setattr("knotfab.pipeline.build.keep_modeller", keep)
-        patch.setattr("knotfab.pipeline.plan.rest_modeller", lambda: None)
+        patch.setattr("knotfab.pipeline.workshop.rest_modeller", lambda: None)
         yield
 
 

@@ -41,11 +41,12 @@ def run_build(request: Request, progress: Progress | None = None) -> Outcome:
         # imported only now, while the validators load in their own processes
         from knotfab.part.slicer import SlicerQueue
         from knotfab.pipeline.finish import finish_build
-        from knotfab.pipeline.plan import Workshop, plan_piece, plan_supports
+        from knotfab.pipeline.plan import plan_piece, plan_supports
+        from knotfab.pipeline.workshop import Workshop
 
         slicer = stack.enter_context(SlicerQueue(jobs=jobs))
         stack.enter_context(keep_modeller(request.mounted))
-        shop = Workshop(request.targets, folder, verifier, slicer, progress)
+        shop = Workshop(folder, verifier, slicer, progress)
         if film:
             from knotfab.pipeline.film import plan_film
 

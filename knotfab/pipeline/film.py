@@ -18,7 +18,8 @@ from knotfab.part.slicer_process import sum_slicings
 from knotfab.picture.frames import count_knots, tell_apart
 from knotfab.pipeline.finish import report_piece
 from knotfab.pipeline.piece import Settled, WrittenPiece
-from knotfab.pipeline.plan import Workshop, plan_places, tell_outcome
+from knotfab.pipeline.plan import plan_places, tell_outcome
+from knotfab.pipeline.workshop import Workshop
 from knotfab.plan import Steps
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
 from knotfab.report.supports import sum_supports
@@ -77,7 +78,7 @@ def plan_film(
     Returns:
         The frames, and the report of all.
     """
-    folder, progress, targets = shop.folder, shop.progress, shop.targets
+    folder, progress, targets = shop.folder, shop.progress, request.targets
     knots = count_knots(targets, request.scene.piece.knots)
     if (apart := tell_apart(targets, knots)) is not None:
         progress.say(apart)

@@ -1,25 +1,19 @@
-"""Write one piece, or one frame of a sequence, and hand its files over to be verified and sliced."""
+"""One piece, or one frame of a sequence, as it was written."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property
 
-from knotfab.base.folder import OutputFolder
-from knotfab.base.progress import Progress
-from knotfab.design.design import START_FILE, Design
+from knotfab.design.design import Design
 from knotfab.knots import Knots
 from knotfab.part.assemble import Part, enlarge_knots
 from knotfab.part.orient import Flattening
 from knotfab.part.slicer import SlicerQueue
 from knotfab.part.slicer_process import NotSliced, Sliced
-from knotfab.part.write import pose_scene, write_model, write_part, write_unbuilt
 from knotfab.picture.read import Target
-from knotfab.pipeline.verifier import Files, Verifier
-from knotfab.report.summary import verdict_without_part
-from knotfab.request import Request
 from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import Verdict
 
@@ -60,52 +54,3 @@ class WrittenPiece:
 
 
 Settled = tuple[Design, Part, Flattening | None]
-
-
-def write_piece(
-    made: Design,
-    targets: Sequence[Target],
-    settled: Settled | str,
-    folder: OutputFolder,
-    request: Request,
-    verifier: Verifier,
-    slicer: SlicerQueue,
-    progress: Progress,
-    suffix: str = "",
-) -> WrittenPiece:
-    """Write a design's part, knots, scene and pictures, and submit them to validators and slicer.
-
-    Where there is no part, the verdict says why.
-
-    Args:
-        targets: the pictures of all views.
-        settled: the part with the design that it is of, or why there is none.
-        suffix: for the names of the files, for a frame of a sequence.
-    """
-    targets = tuple(targets)
-    if made.region_stl is not None and made.scene.region.file is not None:
-        folder.write(made.scene.region.file, made.region_stl)
-    if made.start_json is not None:
-        folder.write(START_FILE, made.start_json)
-    if isinstance(settled, str):
-        why = settled
-        scene = write_unbuilt(folder, made, targets, suffix)
-        return WrittenPiece(made, scene, None, targets, suffix, lambda: verdict_without_part(why))
-    made, part, flattening = settled
-    with progress.stage("part"):
-        scene = pose_scene(part)
-        write_part(folder, part, scene, targets, request.colours, suffix)
-    slicing = None
-    if request.printing and "slicer" not in request.skip:
-        slicing = slicer.submit(folder.file(f"part{suffix}.3mf"), scene)
-    files = Files(
-        folder.file(f"part{suffix}.stl"),
-        folder.file(f"knots{suffix}.json"),
-        folder.file(f"scene{suffix}.toml"),
-        folder.work,
-        folder.file(f"failures{suffix}.png"),
-    )
-    answer = verifier.submit(files).result
-    with progress.stage("part"):
-        write_model(folder, part, scene, suffix)
-    return WrittenPiece(made, scene, part, targets, suffix, answer, slicing, flattening, slicer)

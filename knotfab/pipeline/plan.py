@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from knotfab.base.errors import SceneError
-from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design, plan_searches
-from knotfab.geometry.tube import join_meshes
 from knotfab.hold.foot_plate import on_rounded
-from knotfab.hold.modeller import rest_modeller
 from knotfab.hold.roots import NoWayError
 from knotfab.hold.wall import NotHeldError
 from knotfab.part.assemble import Part, part_of
 from knotfab.part.orient import Flattening
-from knotfab.part.slicer import SlicerQueue
-from knotfab.part.slicer_profile import write_profile
 from knotfab.picture.read import Target
-from knotfab.pipeline.finish import report_piece
 from knotfab.pipeline.held import WORDS, Guess, guess_holders
-from knotfab.pipeline.piece import Settled, WrittenPiece, write_piece
+from knotfab.pipeline.piece import Settled
 from knotfab.pipeline.settle import (
     Place,
     depth_mm,
@@ -35,108 +28,17 @@ from knotfab.pipeline.settle import (
     propose_place_for,
     wall_mm,
 )
-from knotfab.pipeline.verifier import Verifier
+from knotfab.pipeline.workshop import Made, Workshop
 from knotfab.plan import Steps
-from knotfab.render.hung_picture import GRAINY, draw_hung, draw_unlit
-from knotfab.render.part_picture import PartPainter, place_eyes, why_undrawn
-from knotfab.report.page import load_template
-from knotfab.report.pictures import place_strangers
 from knotfab.request import Request
 from knotfab_formats.report import Report
-from knotfab_formats.scene import SettledScene
 from knotfab_formats.verdict import WORDS as BEST_FIRST
-from knotfab_formats.verdict import View, list_unmet
+from knotfab_formats.verdict import list_unmet
 
 _SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
 ROUNDS = 2  # most further searches of a piece on one holder
 _HOLDERS = {"none": "no mount"} | {str(kind): told for kind, told in WORDS.items()}
-Made = tuple[WrittenPiece, Report]
 Found = TypeVar("Found")
-
-
-@dataclass(frozen=True)
-class Workshop:
-    """What is needed to finish a piece: its pictures, its folder, verifier and slicer."""
-
-    targets: Sequence[Target]
-    folder: OutputFolder
-    verifier: Verifier
-    slicer: SlicerQueue
-    progress: Progress
-
-    def write(
-        self,
-        request: Request,
-        targets: Sequence[Target],
-        made: Design,
-        settled: Settled | str,
-        suffix: str = "",
-    ) -> WrittenPiece:
-        """Write a design's piece, and have it verified and sliced.
-
-        Args:
-            targets: its pictures. settled: its part, or why there is none. suffix: of a frame's files.
-        """
-        if request.printing:
-            write_profile(self.folder.work, made.scene)
-        work = self.folder, request, self.verifier, self.slicer, self.progress
-        return write_piece(made, targets, settled, *work, suffix)
-
-    def clear(self, aside: Path | None = None) -> None:
-        """Remove all that was written, or move it `aside`, once neither slicer nor validators read it."""
-        self.slicer.forget()
-        self.verifier.forget()
-        for path in list(self.folder.work.iterdir()):
-            path.unlink() if aside is None else path.rename(aside / path.name)
-
-    def finish(
-        self, request: Request, made: Design, settled: Settled | str, note: str = ""
-    ) -> Made:
-        """Write a design's piece and report it; `note` is a sentence for the report."""
-        piece = self.write(request, self.targets, made, settled)
-        piece = replace(piece, notes=(*piece.notes, *filter(None, [note])))
-        rest_modeller()
-        with _open_painter(piece.part, piece.scene) as painter:
-            if piece.part is not None:
-                with self.progress.stage("verify"):  # while the validators measure
-                    if painter is not None:
-                        _draw(painter, piece.part, piece.scene, self.folder)
-                    load_template()
-
-            def draw_by_day(found: Sequence[View]) -> None:
-                views, eyes = piece.scene.views, place_strangers(piece.scene.views, found)
-                if painter is not None and piece.part is not None and len(eyes):
-                    unlit = draw_unlit(painter, views, eyes, _desk_mm(painter, piece.part))
-                    unlit.save(self.folder.file("unlit.png"), "PNG", **GRAINY)
-
-            report = report_piece(piece, self.folder, request, self.progress, draw_by_day)
-        return piece, report
-
-
-def _open_painter(
-    part: Part | None, scene: SettledScene
-) -> AbstractContextManager[PartPainter | None]:
-    """Open the window in which a part's pictures are drawn; none where there is no part, or no OpenGL."""
-    if part is None or why_undrawn() is not None:
-        return nullcontext()
-    vertices, faces = join_meshes(part.bodies)
-    seen = vertices @ part.pose.matrix[:3, :3].T + part.pose.matrix[:3, 3]
-    return PartPainter(seen, faces, scene.material.color)
-
-
-def _draw(painter: PartPainter, part: Part, scene: SettledScene, folder: OutputFolder) -> None:
-    """Draw part.png, from several sides, and piece.png, as it hangs with its lamp on."""
-    painter.draw_panels(place_eyes(scene.views)).save(folder.file("part.png"), "PNG")
-    if part.mounted.hang is not None:
-        painter.hang(part.mounted.hang.threads)
-    hung = draw_hung(painter, scene.views, _desk_mm(painter, part))
-    if hung is not None:
-        hung.save(folder.file("piece.png"), "PNG", **GRAINY)
-
-
-def _desk_mm(painter: PartPainter, part: Part) -> float | None:
-    """Return the height of the desk that a part stands on; None without a stand."""
-    return float(painter.points[:, 1].min()) if part.mounted.stand is not None else None
 
 
 def plan_supports(
@@ -164,7 +66,7 @@ def plan_piece(shop: Workshop, request: Request, why: str = "") -> Steps[Made]:
     """Plan one piece: its searches, then the places and holders on which it is tried."""
     left = request.budget(shop.progress.total)
     made = yield from plan_searches(
-        request.scene, shop.targets, request.device, shop.progress, left, why
+        request.scene, request.targets, request.device, shop.progress, left, why
     )
     if request.chooses_holder:
         return (yield from plan_holders(shop, request, made))
@@ -203,7 +105,7 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
     """
     refused: list[str] = []
     failed: set[str] = set()
-    guesses, why = guess_holders(made, shop.targets), ""
+    guesses, why = guess_holders(made, request.targets), ""
     for guess in guesses:
         asked, design = with_mount(request, made, guess.kind)
         settled = yield from _settle_held(shop, asked, design, why)
@@ -243,7 +145,7 @@ def _plan_held(
     """Plan the piece on the request's own mount, whatever comes of it."""
     try:
         settled: Settled | str = yield from plan_places(
-            request, shop.targets, made, shop.progress, why
+            request, request.targets, made, shop.progress, why
         )
     except SceneError as error:
         settled = str(error)
@@ -295,7 +197,7 @@ def _settle_held(
 ) -> Steps[Settled | str]:
     """Plan the part on the requested mount, or say why that does not hold or, if it must be `pale`, shows."""
     try:
-        settled = yield from plan_places(request, shop.targets, made, shop.progress, why)
+        settled = yield from plan_places(request, request.targets, made, shop.progress, why)
     except SceneError as error:
         return error.why
     sag = settled[1].mounted.check_sag()

@@ -35,8 +35,8 @@ ALLOWED = {
             *("part/files.py:_write_model", "part/files.py:write_stl"),
             *(
                 "part/slicer_profile.py:write_profile",
-                "pipeline/plan.py:_draw",
-                "pipeline/plan.py:Workshop.finish.draw_by_day",
+                "pipeline/workshop.py:_draw",
+                "pipeline/workshop.py:Workshop.finish.draw_by_day",
             ),
             *(
                 "part/write.py:write_glb",

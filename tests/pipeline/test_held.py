@@ -20,7 +20,8 @@ from knotfab.design.candidates import WORD_HOURS, price_of
 from knotfab.effects.base import World
 from knotfab.pipeline import plan as planning
 from knotfab.pipeline.held import Guess, can_hold, guess_holders
-from knotfab.pipeline.plan import Workshop, plan_holders, with_mount
+from knotfab.pipeline.plan import plan_holders, with_mount
+from knotfab.pipeline.workshop import Workshop
 from knotfab.plan import Attempts
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
@@ -123,7 +124,7 @@ def finish_held(
     nothing: Any = SimpleNamespace(forget=lambda: None)
     attempts = Attempts(Progress("quiet"))
     with OutputFolder(place / "out") as folder, pytest.MonkeyPatch.context() as patch:
-        shop = Played([TARGET], folder, nothing, nothing, attempts.progress)
+        shop = Played(folder, nothing, nothing, attempts.progress)
         shop.play(fails, unheld, words, dark)
         patch.setattr(planning, "plan_places", shop.settle)
         piece, report = attempts.carry_out(plan_holders(shop, request, made_of(request.scene)))
@@ -157,7 +158,7 @@ def test_the_next_holder_is_tried_where_one_fails(
     keys: dict[str, Any],
     built: list[str],
 ) -> None:
-    request = Request(scene_of(), (), Path(), printing=True, **keys)
+    request = Request(scene_of(), (TARGET,), Path(), printing=True, **keys)
     assert request.chooses_holder
     dark = {"hang": 0.008} | {k: 0.008 for k, why in fails.items() if "recognisable" in why}
     shop, kept, note = finish_held(tmp_path, request, fails, unheld, dark=dark)
@@ -193,7 +194,7 @@ def test_a_holder_that_spoils_the_word_gives_way_to_one_that_is_not_dear(
         Guess, "price", lambda self, word="faithful": own[self.kind] + WORD_HOURS[word]
     )
     shop, last, note = finish_held(
-        tmp_path, Request(scene_of(), (), Path(), printing=True), words=words
+        tmp_path, Request(scene_of(), (TARGET,), Path(), printing=True), words=words
     )
     assert shop.__dict__["built"] == built and last == kept
     # what was made and dropped is told
@@ -210,7 +211,10 @@ def test_a_holder_that_spoils_the_word_gives_way_to_one_that_is_not_dear(
 def test_a_holder_that_shows_as_well_is_not_dropped_without_a_word(
     tmp_path: Path, unheld: set[str], kept: str, told: str
 ) -> None:
-    asked, dark = Request(scene_of(), (), Path(), printing=True), {"hang": 0.008, "stand": 0.004}
+    asked, dark = (
+        Request(scene_of(), (TARGET,), Path(), printing=True),
+        {"hang": 0.008, "stand": 0.004},
+    )
     words = {"hang": "coarse"}
     _, last, note = finish_held(tmp_path, asked, unheld=unheld, words=words, dark=dark)
     assert last == kept and told in note
@@ -229,13 +233,13 @@ def test_hours_grams_and_words_have_one_price() -> None:
 def test_a_mount_that_is_given_is_not_chosen(kind: str) -> None:
     request = Request(scene_of(mount={"kind": kind}), (), Path(), printing=True)
     assert not request.chooses_holder
-    assert not Request(scene_of(), (), Path()).chooses_holder  # not printed
+    assert not Request(scene_of(), (TARGET,), Path()).chooses_holder  # not printed
 
 
 def test_the_scene_that_is_written_is_searched_as_the_one_left_open_was() -> None:
     for of in (ONE, TWO):
         count = len(of.knots)
-        request = Request(scene_of(), (), Path(), printing=True)
+        request = Request(scene_of(), (TARGET,), Path(), printing=True)
         asked, made = with_mount(request, made_of(request.scene, of), "hang")
         for scene in (asked.scene, made.scene):
             taken, left_open = (

@@ -29,7 +29,7 @@ from knotfab.hold.wall import NotHeldError, plan_wall, sag_on_pegs
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import Target, read_target
 from knotfab.pipeline.finish import tell_unlike_preview
-from knotfab.pipeline.plan import Workshop, plan_places, plan_supports
+from knotfab.pipeline.plan import plan_places, plan_supports
 from knotfab.pipeline.settle import (
     AIM,
     LEAST_PEG_MM,
@@ -39,6 +39,7 @@ from knotfab.pipeline.settle import (
     propose_place,
     tell_depth,
 )
+from knotfab.pipeline.workshop import Workshop
 from knotfab.plan import Attempts
 from knotfab.report.rows import list_rows
 from knotfab.request import Promise, Request
@@ -450,7 +451,7 @@ def test_the_slicers_supports_are_an_attempt_of_the_same_plan(
 
     with OutputFolder(tmp_path / "out") as folder:
         tools = forget("verifier"), forget("slicer")
-        shop = Workshop([], folder, *tools, attempts.progress)
+        shop = Workshop(folder, *tools, attempts.progress)
         if not otherwise:
             with pytest.raises(SceneError, match="it breaks"):
                 attempts.carry_out(plan_supports(shop, request, plan))
