@@ -176,15 +176,10 @@ CUT_RADII = 0.5  # how much of the lowest feet is cut off, so that each stands f
 
 @dataclass(frozen=True)
 class Standing:
-    """How a piece stands: what is cut off its feet, mm, how many those are, and its bars.
-
-    `unbraced` (k, 3): places where a leg would need a bar, and no neighbour is in reach.
-    """
+    """How a piece stands: what is cut off its feet, mm, and its bars."""
 
     cut_mm: float
-    feet: int
     bars: tuple[Bar, ...]
-    unbraced: Array
 
 
 def stand(
@@ -205,7 +200,7 @@ def stand(
     knots = pose.knots
     cut = 0.0 if in_plate else CUT_RADII * knots.radius_mm
     legs = find_legs([knot.points for knot in knots.knots])
-    planned, lacking = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden, thrifty=True)
+    planned, _ = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden, thrifty=True)
     down = np.array([0.0, 0.0, -cut])
     bars = tuple(Bar(b.start + down, b.end + down, b.gap_mm) for b in planned)
     assert max((bar.gap_mm for bar in bars), default=0.0) < MOST_BRIDGE_MM
@@ -218,7 +213,7 @@ def stand(
         knots=Knots(knots.moved(shift).knots, knots.radius_mm),
         tubes=tuple(cuts),
     )
-    return laid, cuts, Standing(cut, len(legs) // 2, bars, lacking + down)
+    return laid, cuts, Standing(cut, bars)
 
 
 def _cut_level(body: Mesh, height: float) -> Mesh:
