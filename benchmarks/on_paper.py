@@ -173,15 +173,12 @@ def _look(scene: str, rng: np.random.Generator) -> Grey:
     return np.asarray(found @ bent)
 
 
-def measure(
-    target: Target, truth: Mask, box: tuple[int, int, int, int] | None
-) -> tuple[float, bool]:
+def measure(target: Target, truth: Mask) -> tuple[float, bool]:
     """Return the IoU of a reading with the truth, and whether it has as many pieces and holes."""
     read = np.zeros_like(truth)
-    left, top, width, height = box or (0, 0, truth.shape[1], truth.shape[0])
-    if target.mask.shape != (height, width):  # a frame that was cropped off
-        return 0.0, False
-    read[top : top + height, left : left + width] = target.mask
+    box = re.search(r"in the picture from \((\d+), (\d+)\), ", target.rule)
+    left, top = map(int, box.groups()) if box else (0, 0)
+    read[top : top + target.height, left : left + target.width] = target.mask
     counts = [[(found(m)[1] > 60).sum() for found in (pieces_of, holes_of)] for m in (read, truth)]
     return mask_iou(read, truth), counts[0] == counts[1]
 
@@ -192,7 +189,7 @@ def read_by(path: Path, truth: Mask, **asked: Any) -> tuple[float, bool, tuple[s
         found = read_target(path, Reading(**asked))
     except InputError as error:
         return 0.0, False, (error.remedy,)
-    return *measure(found, truth, asked.get("crop_px")), found.notes
+    return *measure(found, truth), found.notes
 
 
 def main(out: Path | None = None, only: str = "") -> int:

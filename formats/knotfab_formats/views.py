@@ -69,11 +69,14 @@ class Reading(Table):
     default."""
     invert: Annotated[bool, Strict()] = option(False, "Picture --invert")
     """Draw everything except what was found."""
-    crop_px: Box | Annotated[Literal[False], Word("none", False)] | Auto = option(
-        False, "Picture --crop"
-    )
-    """Read only this part of the picture: auto (the drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in
-    px."""
+    crop_px: (
+        Box
+        | Annotated[Literal[True], Word("paper", True)]
+        | Annotated[Literal[False], Word("none", False)]
+        | Auto
+    ) = option(True, "Picture --crop")
+    """Read only this part of the picture: paper (default: a drawing on paper without its sheet),
+    none, auto (any drawing's own box), or LEFT,TOP,WIDTH,HEIGHT in px."""
     keep_largest: Whole = option(0, "Picture --keep-largest")
     """Draw only this many pieces of the picture, the largest; 0: all of them."""
     speck_px: Whole = option(0, "Picture --specks")

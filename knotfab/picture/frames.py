@@ -12,7 +12,7 @@ import numpy as np
 from knotfab.base.disk import at_home
 from knotfab.base.limited import run_limited
 from knotfab.picture.raster import own_box
-from knotfab.picture.read import PLAIN, Target, read_target
+from knotfab.picture.read import PLAIN, SHEET_CUT, Target, read_target
 from knotfab.picture.source import PICTURE_SUFFIXES, is_picture, name_picture
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Reading
@@ -63,12 +63,8 @@ def read_frames(
 def _read_frames(
     sources: Sequence[str], reading: Reading, base: Path | None, font: str | None
 ) -> tuple[Target, ...]:
-    if reading.crop_px is None:  # one box for all, about whatever moves in it
-        whole = reading.but(crop_px=False)
-        moving = np.logical_or.reduce(
-            [t.mask for t in read_frames(sources, whole, base=base, font=font)]
-        )
-        reading = reading.but(crop_px=own_box(moving))
+    alike = reading.crop_px is None  # one box for all, about whatever moves in it
+    reading = reading.but(crop_px=False) if alike else reading
     sources = [str(s) for s in sources]
     what = sources[0] if len(sources) == 1 else "the sequence"
     if len(sources) == 1:
@@ -84,6 +80,12 @@ def _read_frames(
     else:
         _count(what, len(sources))
         found = [read_target(s, reading, base=base, font=font) for s in sources]
+    if any(note.endswith(SHEET_CUT) for t in found for note in t.notes):
+        found = list(_read_frames(sources, reading.but(crop_px=None), base, font))
+        note = (
+            "all frames are cropped to one box about what is drawn (--crop none keeps the sheets)"
+        )
+        return tuple(replace(t, notes=(*t.notes, note)) for t in found)
     first = found[0]
     for number, target in enumerate(found, start=1):
         if (target.width, target.height) != (first.width, first.height):
@@ -93,7 +95,11 @@ def _read_frames(
                 f"{first.width} x {first.height} px",
                 "Give all frames one size",
             )
-    return tuple(replace(t, name=frame_name(k), title="") for k, t in enumerate(found, start=1))
+    box = own_box(np.logical_or.reduce([t.mask for t in found])) if alike else None
+    return tuple(
+        replace(t if box is None else t.cropped(box), name=frame_name(k), title="")
+        for k, t in enumerate(found, start=1)
+    )
 
 
 def count_knots(targets: Sequence[Target], asked: int | None = None) -> int:

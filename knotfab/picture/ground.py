@@ -213,8 +213,8 @@ def guess_reading(
         return reading, ()
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
     notes: list[str] = []
-    box = reading.crop_px or None
-    if reading.crop_px is False and (thick := frame_px(rgb)):
+    box = reading.crop_px if isinstance(reading.crop_px, tuple) else None
+    if reading.crop_px is True and (thick := frame_px(rgb)):
         box = (thick, thick, image.width - 2 * thick, image.height - 2 * thick)
         reading = reading.but(crop_px=box)
         notes.append(

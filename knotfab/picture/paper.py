@@ -22,31 +22,35 @@ _SHEET = 0.15  # the least share of the picture that blank paper covers
 _CHROMA = 0.4  # the highest chroma of paper
 _PALE = 0.12  # up to this log darkness it is paper
 _ENCLOSED = 0.35  # what ink encloses is paper up to this share of the ink's log darkness
-_USUAL = 0.83  # the quantile of its darkness that ink usually has: strokes are paler at their edges
+_USUAL = 0.6  # the quantile of its darkness that ink usually has: strokes are paler at their edges
 _FAINT = 0.16  # the least share of the light that ink takes
 _MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its soft or shaded edge
 # shares of the longer side: the sides of the smallest part and hole, and half the width of the thinnest part
 _PART, _HOLE, _THIN = 0.006, 0.008, 0.0022
 _PUNCHED = 0.13  # the share of the longer side within which holes are punched
 _LEAST, _MOST = 0.002, 0.5  # shares of the picture that ink covers
-# an outline is sharp where brightness changes by so many thresholds within a few px; the share that must be
-_SHARP, _EDGES = 1.2, 0.9
+# an outline is sharp where brightness changes by so many thresholds within a few px; the share that must be,
+# of all outlines and of a hole's
+_SHARP, _EDGES, _HOLED = 1.2, 0.9, 0.5
 _BETWEEN = 0.3  # the most that is neither ink nor paper, as a share of the ink
 
 
+def is_photograph(image: Image.Image) -> bool:
+    if image.mode.startswith(("I", "F")) or image.has_transparency_data:
+        return False
+    border = take_border(np.asarray(image.convert("RGB")))
+    return len(np.unique(border.mean(axis=1).round())) >= _LEVELS
+
+
 def read_paper(image: Image.Image) -> tuple[Image.Image, str] | None:
-    """Return the ink of a photographed drawing, black on white, with a note; None for other pictures.
+    """Return the ink of a drawing, black on white, with a note; None for other photographs.
 
     Paper is what can be reached from its largest blank part without a step: light and shadows fall off
     softly, and an outline of ink does not. Ink is what is darker than the paper about it by more than half of
     what ink is in the middle.
     """
-    if image.mode.startswith(("I", "F")) or image.has_transparency_data:
-        return None
     image = image.convert("RGB")
     rgb = np.asarray(image)
-    if len(np.unique(take_border(rgb).mean(axis=1).round())) < _LEVELS:
-        return None
     found = _find_paper(image)
     if found is None:
         return None
@@ -153,8 +157,9 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     punched = _find_punched(labels, side)
     if punched:
         dark[np.isin(labels, punched)] = 0.0
-    few = ndimage.grey_opening(dark[::2, ::2], (3, 3))
-    thick = few[few > _FAINT]
+    half = dark[::2, ::2]
+    few = ndimage.grey_opening(half, (3, 3))
+    thick = half[few > _FAINT]
     if len(thick) < _LEAST * few.size:
         return None
     least = max(0.75 * _FAINT, 0.5 * float(np.quantile(thick, _USUAL)))
@@ -175,8 +180,13 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     ink, near = mask[box], dark[box]
     outline = ink & ~ndimage.binary_erosion(ink, border_value=1)
     across = ndimage.maximum_filter(near, _RULE) - ndimage.minimum_filter(near, _RULE)
-    if np.mean(across[outline] > _SHARP * least) < _EDGES:
+    sharp = across > _SHARP * least
+    if sharp[outline].mean() < _EDGES:
         return None
+    holes, count = ndimage.label(~ink)
+    rims = np.where(ndimage.binary_dilation(ink), holes, 0)
+    share = ndimage.mean(sharp, rims, np.arange(1, count + 1))
+    ink |= np.append(False, share < _HOLED)[holes]  # a pale spot of a wash, within the mask
     return mask, bool(punched)
 
 

@@ -369,11 +369,13 @@ def silhouette(
             "; of that the largest piece" if count == 1 else f"; of that the {count} largest pieces"
         )
     if box is not None:
-        rule += "; in the picture from ({}, {}), {} x {} px".format(
-            *(side * shrunk for side in box)
-        )
+        rule += f"; {tell_box(box, shrunk)}"
     check_shape(mask, what)
     return mask, rule
+
+
+def tell_box(box: Box, shrunk: int) -> str:
+    return "in the picture from ({}, {}), {} x {} px".format(*(side * shrunk for side in box))
 
 
 def own_box(mask: Mask) -> Box:
@@ -393,7 +395,7 @@ def crop_image(image: Image.Image, what: str, reading: Reading) -> tuple[Image.I
     if box is None:
         whole, _ = silhouette(image, what, reading.but(crop_px=False))
         box = own_box(whole)
-    return (image, None) if not box else (_crop(image, box, what), box)
+    return (image, None) if isinstance(box, bool) else (_crop(image, box, what), box)
 
 
 def _crop(image: Image.Image, box: Box, what: str) -> Image.Image:

@@ -36,7 +36,7 @@ from knotfab.picture.source import (
 from knotfab.picture.svg.render import render_svg
 from knotfab.picture.svg.xml import looks_like_svg
 from knotfab_formats.errors import InputError, shown
-from knotfab_formats.views import Reading, View, is_mask
+from knotfab_formats.views import Box, Reading, View, is_mask
 
 PLAIN = Reading()
 _READ_AS_IT_IS = dict(PLAIN)
@@ -46,6 +46,8 @@ _MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
 _MOST_NAMED = 12  # letters in one sentence
 # how far from a letter's box its parts may lie: in its longer sides, and at least in the masks' longer sides
 _BESIDE, _LEAST_BESIDE = 0.25, 0.01
+# the end of the note on a drawing on paper that is read without `--crop`
+SHEET_CUT = "; the sheet about it is cropped off (--crop none keeps it)"
 _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 
 
@@ -113,6 +115,16 @@ class Target:
     def is_text(self) -> bool:
         """Whether it is text, which must not be mirrored."""
         return self.letters is not None
+
+    def cropped(self, box: Box) -> Target:
+        """Return what of it lies in a box of its mask; `letters` and bending stay as they are."""
+        left, top, width, height = box
+        part = np.s_[top : top + height, left : left + width]
+        change = self.change and self.change._replace(
+            asked=self.change.asked[part], judged=self.change.judged[part]
+        )
+        rule = f"{self.rule}; {raster.tell_box(box, self.shrunk)}"
+        return replace(self, mask=self.mask[part].copy(), change=change, rule=rule)
 
     def to_picture(self, at: tuple[float, float]) -> tuple[float, float]:
         """Convert a point of the masks to px of the picture, whose pixel centres are whole numbers."""
@@ -309,7 +321,7 @@ def name_targets(targets: Sequence[Target], views: Sequence[View]) -> tuple[Targ
 
 def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: int) -> Target:
     """Take the silhouette of a pixel picture."""
-    glance *= reading.crop_px is False
+    glance *= isinstance(reading.crop_px, bool)
     image, kind, size, shrunk = raster.decode_shrunk(data, what, glance)
     frames = raster.count_frames(data) if kind in MOVING else 1
     settled = is_mask(data)
@@ -317,16 +329,16 @@ def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: in
     if kind not in raster.KEPT:
         image = raster.to_plain(image)
     notes: tuple[str, ...] = ()
+    photographed = False
     if reading.ink == "auto":
-        bare = bare_picture(image, whole=not reading.crop_px)
+        bare = bare_picture(image, whole=not isinstance(reading.crop_px, tuple))
         if bare is not None:
-            image, notes = bare[0], (bare[1],)
+            image, notes, photographed = bare[0], (bare[1],), bare[2]
     try:
         reading, told = guess_reading(image, reading, what)
         notes = (*notes, *told)
-        if shrunk > 1 and asked.crop_px is False and reading.crop_px is not False:
-            # a thin frame, to be told in its own px
-            return _take_target(data, what, name, asked, 0)
+        if shrunk > 1 and reading.crop_px != asked.crop_px:
+            return _take_target(data, what, name, asked, 0)  # to tell a thin frame in its own px
         mask, rule = raster.silhouette(image, what, reading, shrunk)
     except InputError:
         if frames == 1:
@@ -344,7 +356,10 @@ def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: in
         mask = smooth(mask, reading.smooth_px / shrunk)
         raster.check_shape(mask, f"{what}, smoothed,")
         rule += f"; drawn smoothed by {reading.smooth_px:g} px"
-    return Target(name, mask, rule, notes=notes, shrunk=shrunk, settled=settled, change=change)
+    found = Target(name, mask, rule, notes=notes, shrunk=shrunk, settled=settled, change=change)
+    if not photographed or reading.crop_px is not True:
+        return found
+    return replace(found.cropped(raster.own_box(mask)), notes=(notes[0] + SHEET_CUT, *notes[1:]))
 
 
 def _first_drawn(

@@ -15,7 +15,7 @@ from PIL import Image
 from knotfab.base.disk import at_home, read_file
 from knotfab.picture import raster
 from knotfab.picture.ground import plain_ground
-from knotfab.picture.paper import read_paper
+from knotfab.picture.paper import is_photograph, read_paper
 from knotfab_formats.errors import InputError, shown
 
 TEXT_PREFIX = "text:"
@@ -61,9 +61,15 @@ def title_of(given: str) -> str:
     return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
-def bare_picture(image: Image.Image, whole: bool) -> tuple[Image.Image, str] | None:
-    """Return what is drawn on paper, or a picture that is `whole` without its ground, with a note."""
-    return read_paper(image) or (plain_ground(image) if whole else None)
+def bare_picture(image: Image.Image, whole: bool) -> tuple[Image.Image, str, bool] | None:
+    """Return what is drawn on paper, or a picture that is `whole` without its ground.
+
+    With it come a note, and whether it is a photograph.
+    """
+    photograph = is_photograph(image)
+    drawn = read_paper(image) if photograph else None
+    drawn = drawn or (plain_ground(image) if whole else None)
+    return drawn and (*drawn, photograph)
 
 
 def read_bytes(

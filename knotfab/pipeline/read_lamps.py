@@ -97,7 +97,7 @@ def read_lamps(
     # masks must register with one another
     update |= {"piece": scene.piece.but(bend=0.0)}
     if update.get("lamps") or targets is not read:  # masks that are read and smoothed already
-        update["views"] = tuple(view.but(**dict(Reading())) for view in scene.views)
+        update["views"] = tuple(view.but(**dict(Reading(crop_px=False))) for view in scene.views)
     scene = scene.but(**update)
     require_several(scene)
     require_tube(scene)

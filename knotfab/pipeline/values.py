@@ -226,7 +226,7 @@ _READERS: dict[str, Callable[..., Any]] = {
         4,
         "it is no part of a picture",
         f"auto, or {_BOX}, such as {{}} 20,40,600,400",
-        ("auto", "none"),
+        ("auto", "none", "paper"),
     ),
     "keep_largest": _read_largest,
     "threshold": _read_share,

@@ -15,11 +15,13 @@ from tables import some
 
 from benchmarks.on_paper import draw_photographs
 from knotfab.base.arrays import Array, Mask
+from knotfab.picture.frames import read_frames
 from knotfab.picture.paper import read_paper
-from knotfab.picture.raster import encode_mask, silhouette_uri
+from knotfab.picture.raster import encode_mask, own_box, silhouette_uri
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import holes_of, mask_iou, pieces_of
 from knotfab_formats.errors import InputError
+from knotfab_formats.views import Reading
 
 Y, X = np.mgrid[:400, :400] / 400
 PASSING = np.where((Y > 0.35) & (Y < 0.6), 0.55, 1.0)  # a shadow over the paper
@@ -58,14 +60,58 @@ def photograph(grey: Array) -> Image.Image:
 def test_a_drawing_keeps_its_holes(drawn: str, light: str, tmp_path: Path) -> None:
     ink = drawings()[drawn]
     photograph(LIGHTS[light] * np.where(ink, 0.12, 1.0)).save(tmp_path / "photo.jpg", quality=88)
-    read = read_target(tmp_path / "photo.jpg")
+    read = read_target(tmp_path / "photo.jpg", Reading(crop_px=False))
     assert mask_iou(read.mask, ink) > 0.95
     assert len(holes_of(read.mask)[1]) == len(holes_of(ink)[1])
     assert len(pieces_of(read.mask)[1]) == len(pieces_of(ink)[1])
     assert "uneven light on the paper" in read.notes[0]
-    (tmp_path / "kept.png").write_bytes(encode_mask(read.asked))
+    drawn = read_target(
+        tmp_path / "photo.jpg"
+    )  # by default its box, which is sized, and not the sheet
+    left, top, width, height = own_box(read.mask)
+    assert (drawn.mask == read.mask[top : top + height, left : left + width]).all()
+    assert f"in the picture from ({left}, {top}), {width} x {height} px" in drawn.rule
+    assert "--crop none keeps it" in drawn.notes[0] and "--crop" not in read.notes[0]
+    (tmp_path / "kept.png").write_bytes(encode_mask(drawn.asked))
     again = read_target(tmp_path / "kept.png")  # as a build's folder has it
-    assert (again.mask == read.mask).all() and not again.notes
+    assert (again.mask == drawn.mask).all() and not again.notes
+
+
+@pytest.mark.parametrize("smooth_px", [0.0, 3.0])
+def test_frames_drawn_on_paper_keep_one_box(tmp_path: Path, smooth_px: float) -> None:
+    for k in range(3):
+        ink = np.hypot(X - 0.4 - 0.1 * k, Y - 0.5) < 0.12
+        photograph(LIGHTS["falls off"] * np.where(ink, 0.12, 1.0)).save(tmp_path / f"{k}.png")
+    asked = Reading(smooth_px=smooth_px)
+    found = read_frames([str(tmp_path)], asked)
+    whole = read_frames([str(tmp_path)], asked.but(crop_px=False))
+    left, top, width, height = own_box(np.logical_or.reduce([t.mask for t in whole]))
+    part = np.s_[top : top + height, left : left + width]
+    for one, sheet in zip(found, whole, strict=True):
+        assert (one.mask == sheet.mask[part]).all() and (one.asked == sheet.asked[part]).all()
+        assert one.mask.sum() == sheet.mask.sum() and "--crop none" in one.notes[-1]
+    kite(Image.new("RGB", (SIDE, SIDE), "white"), (0, 0, 0)).save(tmp_path / "3.png")
+    assert (
+        len({t.mask.shape for t in read_frames([str(tmp_path)])}) == 1
+    )  # one of them drawn by a program
+
+
+@pytest.mark.parametrize(
+    "name",
+    some(
+        ["ballpoint, tilt on wood, mug", "wash, squared, phone, mug", "wash, lined, ghost",
+         "ballpoint, yellowed, falling light, tilt, boot"], 2
+    ),
+)  # fmt: skip
+def test_thin_strokes_are_as_wide_as_drawn_and_a_wash_has_no_holes(name: str) -> None:
+    ((_, image, truth),) = (one for one in draw_photographs(name) if one[0] == name)
+    read = read_paper(image)
+    assert read is not None
+    mask = ~np.asarray(read[0])
+    assert mask_iou(mask, truth) > 0.96
+    assert [len(f(mask)[1]) for f in (pieces_of, holes_of)] == [
+        (f(truth)[1] > 60).sum() for f in (pieces_of, holes_of)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -175,7 +221,7 @@ CASES = {
 def test_a_drawing_is_read_on_any_ground(tmp_path: Path, kind: str) -> None:
     picture, words = CASES[kind]
     picture.save(tmp_path / "drawing.png")
-    target = read_target(tmp_path / "drawing.png")
+    target = read_target(tmp_path / "drawing.png", Reading(crop_px=False))
     assert words in " ".join(target.notes)
     assert 0.4 * INK < target.mask.mean() < 1.15 * INK
     assert target.pieces == 1 and not target.mask[:5].any()

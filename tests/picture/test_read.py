@@ -519,9 +519,10 @@ def test_a_large_photograph_is_decoded_once_and_shrunk(
         return decode(*asked)
 
     monkeypatch.setattr(raster, "decode_shrunk", noted)
-    (target,) = read_targets([str(tmp_path / "photo.jpg")], [Reading()], glance=1280)
+    sheet = Reading(crop_px=False)
+    (target,) = read_targets([str(tmp_path / "photo.jpg")], [sheet], glance=1280)
     assert log.read_text() == "once "
     assert target.shrunk == 2 and target.mask.shape == (1000, 750)
     monkeypatch.undo()
-    few = read_target(tmp_path / "photo.jpg").mask[::2, ::2]
+    few = read_target(tmp_path / "photo.jpg", sheet).mask[::2, ::2]
     assert mask_iou(few, target.mask) > 0.98

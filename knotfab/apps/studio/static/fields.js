@@ -6,7 +6,7 @@ const WORDS = { spellcheck: "false", autocomplete: "off" };
 const LISTS = {
   "clean-fields": [
     ["ink", "menu", { "": "what stands out", dark: "what is dark", light: "what is light", alpha: "what is opaque", flood: "what the border does not reach (photographs)" }],
-    ["crop", "menu", { "": "the whole picture", auto: "about the drawing" }],
+    ["crop", "menu", { "": "paper about a drawing", none: "nothing", auto: "all about the drawing" }],
     ["smooth", "range", { min: 0, max: 20, step: 0.5, unit: "px", hint: "Rounds ragged edges." }],
     ["lines", "menu", { "": "along their middle where they are thin", on: "along their middle", off: "filled" }],
   ],
