@@ -83,6 +83,7 @@ class Loss:
 
 # the words that a shadow may deserve, best first
 WORDS = ("faithful", "good", "coarse", "not recognisable")
+POOR = WORDS[2:]  # those that no green "passed" may hide
 
 
 @dataclass(frozen=True, kw_only=True)

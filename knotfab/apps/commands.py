@@ -105,9 +105,9 @@ def batch(
     cluster
         The address of a Dask scheduler, such as tcp://10.0.0.5:8786, whose workers build instead.
     """
-    from knotfab.apps.batch.run import POOR
     from knotfab.apps.batch.run import batch as run
     from knotfab.pipeline.prepare import check_options, require_same_picture
+    from knotfab_formats.verdict import POOR
 
     check_options(options)
     records = run(pictures, options, jobs, cluster, require_same_picture)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knotfab.base.arrays import Mask
-from knotfab.report.summary import mark_of, tell_word
+from knotfab.report.summary import mark_of
 from knotfab_formats.scene import ResolvedView
-from knotfab_formats.verdict import knot_in_words
+from knotfab_formats.verdict import POOR, knot_in_words
 
 if TYPE_CHECKING:
     from knotfab.knots import Knots
@@ -107,8 +107,8 @@ def _format_verdict(report: Report) -> str:
     if report.verdict is None:
         return ""
     word = report.verdict.word
-    warning = "" if _WORDS[word] == "green" else "warning: "
-    return f"  [{_WORDS[word]}]{warning}{tell_word(report)}[/]"
+    warning = "warning: " if word in POOR else ""
+    return f"  [{_WORDS[word]}]{warning}{word}[/]"
 
 
 def print_catalogue(

@@ -30,12 +30,12 @@ from knotfab.pipeline.settle import (
 )
 from knotfab.pipeline.workshop import Made, Workshop
 from knotfab.plan import Steps
+from knotfab.report.rows import SEEN_SHARE
 from knotfab.request import Request
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import WORDS as BEST_FIRST
 from knotfab_formats.verdict import list_unmet
 
-_SEEN_SHARE = 0.0005  # of the frame: what a holder darkens beyond that is told
 ROUNDS = 2  # most further searches of a piece on one holder
 _HOLDERS = {"none": "no mount"} | {str(kind): told for kind, told in WORDS.items()}
 Found = TypeVar("Found")
@@ -368,7 +368,7 @@ def search_again(
 def _tell_dark(settled: Settled) -> str:
     """Say how much of the picture's frame a holder will darken, by its plan; nothing if nobody sees it."""
     shows = settled[1].mounted.figures.predicted_intrusion or 0.0
-    return "" if shows < _SEEN_SHARE else f"it darkens {100 * shows:.1f}% of the picture's frame"
+    return "" if shows < SEEN_SHARE else f"it darkens {100 * shows:.1f}% of the picture's frame"
 
 
 def list_failed(report: Report) -> set[str]:

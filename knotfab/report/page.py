@@ -19,7 +19,7 @@ from knotfab.picture.read import read_image
 from knotfab.report.summary import mark_of, tally_checks, tell_colours, tell_share
 from knotfab_formats.errors import plain
 from knotfab_formats.report import Report
-from knotfab_formats.verdict import list_unmet
+from knotfab_formats.verdict import POOR, list_unmet
 
 VIEWER = Path(__file__).parent / "viewer" / "viewer.js"
 # So the page says a person's judgement of the shadow (docs/verdict.md), in a word and in a sentence.
@@ -136,6 +136,7 @@ def render_html(
         script=Markup(script),
         digest=hash_script(script),
         verdicts=_verdicts(report),
+        poor=POOR,
     )
 
 

@@ -9,7 +9,7 @@ from knotfab.knots import count_in_words
 from knotfab.report.effects import tell_move
 from knotfab.report.summary import tell_share, told_iou
 from knotfab_formats.report import Report, Row
-from knotfab_formats.verdict import list_unmet
+from knotfab_formats.verdict import POOR, list_unmet
 
 # how to ask for another way, and what it is like
 _WAYS = {
@@ -18,7 +18,7 @@ _WAYS = {
     "none": ("--supports none", "without supports"),
 }
 _STRINGS = 15.0  # retractions a layer from which on strings are to be expected
-_SEEN = 0.0005  # share of a frame that a holder darkens, from which on it is told
+SEEN_SHARE = 0.0005  # share of a frame that a holder darkens, from which on it is told
 _PRESSING = ("fail", "warn", "do", "info")
 
 
@@ -54,7 +54,7 @@ def _list_failures(report: Report) -> Iterator[Row]:
 def _list_losses(report: Report) -> Iterator[Row]:
     """Name what is lost; strokes for want of width come with the option that widens them."""
     verdict, asked = report.verdict, report.settings.command
-    poor = verdict is not None and verdict.word not in ("faithful", "good")
+    poor = verdict is not None and verdict.word in POOR
     if (
         verdict is None
         or not verdict.reasons
@@ -162,7 +162,7 @@ def _list_printing(report: Report) -> Iterator[Row]:
         )
     if mount is not None and mount.kind == "hang" and mount.second_thread_mm is None:
         said = "It hangs on one thread and can turn: hold it still until you see its picture."
-        if (dark := mount.predicted_intrusion or 0.0) >= _SEEN:
+        if (dark := mount.predicted_intrusion or 0.0) >= SEEN_SHARE:
             said += f" Its eyelet and rods darken {dark:.1%} of a frame."
         yield Row(name="thread", value=1, status="do", text=said)
     if mount is not None and mount.foot == "dowel":

@@ -33,10 +33,6 @@ def told_iou(iou: float, iou_frame: float | None, standing: bool) -> float:
     return iou_frame if standing and iou_frame is not None else iou
 
 
-def tell_word(report: Report) -> str:
-    return "" if report.verdict is None else report.verdict.word
-
-
 def tell_colours(report: Report) -> list[str]:
     """Say how well several lamps mix the picture's colours, in sentences; nothing where none do."""
     found = report.colours

@@ -31,8 +31,8 @@ from knotfab.base.progress import Progress
 from knotfab.pipeline.options import ALL_OUT, BuildOptions
 from knotfab.report.page import make_environment
 from knotfab_formats.errors import InputError, spelled
+from knotfab_formats.verdict import POOR
 
-POOR = ("coarse", "not recognisable")  # words of a verdict that no green "passed" may hide
 RECORDS, INDEX = "batch.json", "index.html"  # files beside the folders of the pictures
 _HERE = "127.0.0.1:0"  # where a cluster of this machine's own tells how it is: no other can ask
 _PATIENCE_S = 10  # for a scheduler to answer
