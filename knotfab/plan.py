@@ -8,7 +8,7 @@ the best that was made. `design.design` plans searches, `pipeline.plan` supports
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -38,6 +38,16 @@ class Attempt(Protocol):
 
 
 Steps = Generator[Attempt, Any, Found]
+
+
+@dataclass(frozen=True)
+class Try:
+    """An attempt in two calls: one makes it, and one tells what came of it."""
+
+    what: str
+    make: Callable[[], Any]
+    judge: Callable[[Any], str]
+    why: str = ""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +21,7 @@ from knotfab.pipeline.finish import report_piece
 from knotfab.pipeline.piece import Settled, WrittenPiece
 from knotfab.pipeline.plan import plan_places, tell_outcome
 from knotfab.pipeline.workshop import Workshop
-from knotfab.plan import Steps
+from knotfab.plan import Steps, Try
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
 from knotfab.report.supports import sum_supports
 from knotfab.request import Request
@@ -45,26 +46,6 @@ _SLICED = ("time_s", "filament_m", "filament_g", "support_g")  # those that the 
 _FAR = 8.0  # tube radii of outline motion beyond which a frame in between is advised
 Line = TypeVar("Line", EffectLine, LimitLine)
 Named = TypeVar("Named", Check, EffectLine, LimitLine)
-
-
-@dataclass(frozen=True)
-class _Frame:
-    """A written frame to be reported, once it is verified and sliced."""
-
-    shop: Workshop
-    request: Request
-    piece: WrittenPiece
-    why: str = ""
-
-    @property
-    def what(self) -> str:
-        return f"piece of {self.piece.targets[0].name}"
-
-    def make(self) -> Report:
-        return report_piece(self.piece, self.shop.folder, self.request, self.shop.progress)
-
-    def judge(self, made: Report) -> str:
-        return tell_outcome(made)
 
 
 def plan_film(
@@ -98,7 +79,8 @@ def plan_film(
     write_scene(folder, request.scene, pieces[0].scene)
     reports: list[Report] = []
     for piece in pieces:
-        reports.append((yield _Frame(shop, request, piece)))
+        report = partial(report_piece, piece, folder, request, progress)
+        reports.append((yield Try(f"piece of {piece.targets[0].name}", report, tell_outcome)))
     with progress.stage("motion"):
         motions = _measure_motions(folder, pieces, chain.outlines_mm)
     closing = [check_closing(motions[-1])] if request.scene.sequence.loop else []

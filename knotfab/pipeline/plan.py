@@ -29,7 +29,7 @@ from knotfab.pipeline.settle import (
     wall_mm,
 )
 from knotfab.pipeline.workshop import Made, Workshop
-from knotfab.plan import Steps
+from knotfab.plan import Steps, Try
 from knotfab.report.rows import SEEN_SHARE
 from knotfab.request import Request
 from knotfab_formats.report import Report
@@ -73,26 +73,15 @@ def plan_piece(shop: Workshop, request: Request, why: str = "") -> Steps[Made]:
     return (yield from _plan_held(shop, request, made))
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """A piece to be written, verified and reported: its part as settled, or why there is none."""
-
-    shop: Workshop
-    request: Request
-    design: Design
-    settled: Settled | str
-    note: str = ""
-    why: str = ""  # its part was tried for that reason already
-
-    @property
-    def what(self) -> str:
-        return f"piece on {_HOLDERS.get(self.request.scene.mount.kind, 'its mount')}"
-
-    def make(self) -> Made:
-        return self.shop.finish(self.request, self.design, self.settled, self.note)
-
-    def judge(self, made: Made) -> str:
-        return tell_outcome(made[1])
+def _try_piece(
+    shop: Workshop, request: Request, made: Design, settled: Settled | str, note: str = ""
+) -> Try:
+    """Return the attempt to write, verify and report a piece: its part as settled, or why there is none."""
+    return Try(
+        f"piece on {_HOLDERS.get(request.scene.mount.kind, 'its mount')}",
+        lambda: shop.finish(request, made, settled, note),
+        lambda done: tell_outcome(done[1]),
+    )
 
 
 def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
@@ -115,7 +104,7 @@ def plan_holders(shop: Workshop, request: Request, made: Design) -> Steps[Made]:
             continue
         dark = _tell_dark(settled)
         said = _tell_choice(guess, guesses, refused, dark)
-        done: Made = yield _Piece(shop, asked, settled[0], settled, said)
+        done: Made = yield _try_piece(shop, asked, settled[0], settled, said)
         unmet = list_failed(done[1])
         once = request.time_budget_s is not None or not made.result.feasible
         # a holder that hardly shows did not spoil it, and neither does the next
@@ -149,7 +138,7 @@ def _plan_held(
         )
     except SceneError as error:
         settled = str(error)
-    done: Made = yield _Piece(shop, request, made, settled, note)
+    done: Made = yield _try_piece(shop, request, made, settled, note)
     return done
 
 
@@ -178,7 +167,7 @@ def _plan_paler(
         note = f"Held by {told}, since {suffers}. --mount none leaves it out."
         with TemporaryDirectory(dir=shop.folder.work.parent) as aside:
             shop.clear(Path(aside))
-            other: Made = yield _Piece(shop, asked, settled[0], settled, note)
+            other: Made = yield _try_piece(shop, asked, settled[0], settled, note)
             unmet = ", ".join(sorted(list_failed(other[1])))
             if not unmet and guess.price(_word_of(other[1])) < price:
                 return other
@@ -221,38 +210,30 @@ class _Settled:
         return 0.0 if wall is None or most is None else max(wall.sag_mm - most, 0.0)
 
 
-@dataclass(frozen=True)
-class _PartOf:
-    """A part to be made of a design, for print with its mount and supports."""
+def _try_part(
+    request: Request,
+    targets: Sequence[Target],
+    made: Design,
+    progress: Progress,
+    thoroughly: bool,
+    why: str = "",
+) -> Try:
+    """Return the attempt to make the part of a design, for print with its mount and supports."""
 
-    request: Request
-    targets: Sequence[Target]
-    design: Design
-    progress: Progress
-    thoroughly: bool
-    why: str = ""
+    def make() -> _Settled:
+        part = part_of(made, request.printing, targets, progress, thoroughly=thoroughly)
+        one = len(targets) == 1 and request.printing
+        return _Settled(made, part, propose_depth(made, part) if one else None)
 
-    @property
-    def what(self) -> str:
-        return f"part on {_HOLDERS.get(self.request.scene.mount.kind, 'its mount')}"
-
-    def make(self) -> _Settled:
-        part = part_of(
-            self.design,
-            self.request.printing,
-            self.targets,
-            self.progress,
-            thoroughly=self.thoroughly,
-        )
-        one = len(self.targets) == 1 and self.request.printing
-        return _Settled(self.design, part, propose_depth(self.design, part) if one else None)
-
-    def judge(self, made: _Settled) -> str:
-        if made.over_mm > 0:
-            return f"it sags {made.over_mm:.2g} mm too much"
-        if made.proposed_mm is not None:
-            return f"it needs much support; {made.proposed_mm:.0f} mm deep it would not"
+    def judge(settled: _Settled) -> str:
+        if settled.over_mm > 0:
+            return f"it sags {settled.over_mm:.2g} mm too much"
+        if settled.proposed_mm is not None:
+            return f"it needs much support; {settled.proposed_mm:.0f} mm deep it would not"
         return "made"
+
+    holder = _HOLDERS.get(request.scene.mount.kind, "its mount")
+    return Try(f"part on {holder}", make, judge, why)
 
 
 def plan_places(
@@ -271,7 +252,7 @@ def plan_places(
         SceneError: no part can be made.
     """
     if len(targets) > 1:
-        only: _Settled = yield _PartOf(request, targets, made, progress, True, why)
+        only: _Settled = yield _try_part(request, targets, made, progress, True, why)
         return made, only.part, None
     shallower, nearer = may_change(request)
     left = ROUNDS if shallower or nearer else 0
@@ -279,7 +260,7 @@ def plan_places(
     while True:
         place = None
         try:
-            found: _Settled = yield _PartOf(request, targets, now, progress, not left, why)
+            found: _Settled = yield _try_part(request, targets, now, progress, not left, why)
             settled.append(found)
             if shallower and left and found.proposed_mm is not None:
                 place = Place(found.proposed_mm, wall_mm(now))
@@ -324,7 +305,7 @@ def plan_places(
     if not settled or (settled[-1].over_mm > 0 and settled[0].made is not made):
         try:
             why = "the first design is tried with all that may help"
-            settled.insert(0, (yield _PartOf(request, targets, made, progress, True, why)))
+            settled.insert(0, (yield _try_part(request, targets, made, progress, True, why)))
         except SceneError:
             if not settled:
                 raise
