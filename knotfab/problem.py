@@ -6,15 +6,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.effects.base import Decision, World
+from knotfab.geometry.legs import hide_behind
 from knotfab.knots import Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.limits.terms import Guard, Limits
 from knotfab.render.image import ViewImage, image_at
-from knotfab.scene.camera import view_axes, walls_of
+from knotfab.scene.camera import camera_of, view_axes, walls_of
 from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import Precision, Renderer
 from knotfab_formats.slicer_ini import stiffness_share
@@ -57,6 +59,13 @@ class TargetView:
     @cached_property
     def _images(self) -> dict[tuple[object, ...], ViewImage]:
         return {}
+
+    @cached_property
+    def hides(self) -> Callable[[Array], bool]:
+        """Whether the picture hides the shadows of all points (n, 3), which are in the view's axes."""
+        projection = camera_of(self.view, *self.mask.shape[::-1]).projection
+        turned = np.column_stack([projection[:, :3] @ self.axes.T, projection[:, 3]])
+        return hide_behind(self.mask, turned)
 
     @cached_property
     def axes(self) -> Array:

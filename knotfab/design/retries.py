@@ -14,10 +14,9 @@ import shapely
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
-from knotfab.geometry.legs import Leg, find_legs, hide_behind, peaks_of, plan_bars
+from knotfab.geometry.legs import Leg, find_legs, peaks_of, plan_bars
 from knotfab.plan import Search, Steps
 from knotfab.problem import Problem, SearchResult, Start, TargetView
-from knotfab.scene.camera import camera_of
 from knotfab.search.upright import FLANK_DEG
 from knotfab.start.arches import LOWEST_ARCH_RADII
 from knotfab.start.filling import Template
@@ -307,11 +306,8 @@ def start_on_more_legs(
         return None
     target = problem.views[0]
     light = target.view.light_distance_mm
-    projection = camera_of(target.view, *target.mask.shape[::-1]).projection.copy()
-    projection[:, :3] = projection[:, :3] @ target.axes.T
-    hidden = hide_behind(target.mask, projection)
     legs = find_legs([curve @ target.axes.T for curve in found])
-    _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), hidden)
+    _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), target.hides)
     curves = [curve @ target.axes.T for curve in start.curves]
     plans = [lower(curve, light) for curve in curves]
     floor = min(float(curve[:, 2].min()) for curve in curves)

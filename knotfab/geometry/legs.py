@@ -254,13 +254,13 @@ def plan_bars(
 def hide_behind(mask: Mask, projection: Array) -> Callable[[Array], bool]:
     """Return a function that tests whether a picture (H, W) hides the shadows of all points (n, 3).
 
-    `projection` (3, 4) maps them to its pixels.
+    `projection` (3, 4) maps them to its pixels, whose centres are whole numbers.
     """
     height, width = mask.shape
 
     def hidden(points: Array) -> bool:
         u, v, w = projection[:, :3] @ points.T + projection[:, 3:]
-        column, row = np.floor(u / w).astype(int), np.floor(v / w).astype(int)
+        column, row = np.rint(u / w).astype(int), np.rint(v / w).astype(int)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         return bool(inside.all() and mask[row, column].all())
 

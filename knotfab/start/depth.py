@@ -9,6 +9,7 @@ hide each other and are still too near are parted along the rays at the end.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import floor, inf
 
@@ -33,7 +34,7 @@ from knotfab.start.legibility import (
     onlooker_for,
     turns_aside,
 )
-from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief, lift, lower
+from knotfab.start.profiles import Profile, Relief, draw_profile, draw_relief, lift
 
 AnyProfile = Profile | Relief | Arches
 
@@ -95,6 +96,7 @@ class _Judge:
     sharpening: Sharpening | None = None
     lanes: tuple[Array, ...] | None = None
     arched: bool = False  # strands stand on a floor, in arches
+    hidden: Callable[[Array], bool] = lambda _: True  # as for `plan_bars`
     turns: Array = field(default_factory=turn_upwards)
     sides: list[int] = field(default_factory=lambda: [0, 1, 2, 3])  # the most telling side first
     least: float = inf  # least weighted support so far
@@ -104,9 +106,6 @@ class _Judge:
         self.samples = tuple(sample_evenly(c, step) for c in self.curves)
         self.arcs = [arc_lengths(s) for s in self.samples]
         self.pairs = _overlapping(self.samples, self.radius)
-        every = np.concatenate(self.curves)
-        low = every.min(0) - self.radius
-        self.frame = low, every.max(0) + self.radius - low  # corner and size of `target`, mm
         self.tops = np.array([min(self.extent_mm, highest_mm(c)) for c in self.curves])
         self.folds = [fold_of(s, self.radius) for s in self.samples]
         self.doubled = find_doubled(self.samples, self.pairs, self.radius) if self.arched else []
@@ -203,16 +202,8 @@ class _Judge:
 
     def _free_legs(self, arches: Arches, modulus_mpa: float) -> _Braced:
         parts = self.place(arches)
-        _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa, self.hides)
+        _, lacking = plan_bars(find_legs(parts), self.radius, modulus_mpa, self.hidden)
         return _Braced(arches, lacking, self.legibility(parts) + _FREE_LEG * len(lacking))
-
-    def hides(self, points: Array) -> bool:
-        """Return whether the shadow of points (n, 3) falls on the picture, to a cell of `target`."""
-        flat = lower(points, self.light_distance)
-        low, size = self.frame
-        cell = np.floor((flat - low) / size * len(self.target)).astype(int)
-        inside = ((cell >= 0) & (cell < len(self.target))).all()
-        return bool(inside and self.target[len(self.target) - 1 - cell[:, 1], cell[:, 0]].all())
 
     def blur(self, parts: list[Array]) -> float:
         """Return the weighted brightness error of a wide lamp; 0 for a small one."""
@@ -323,6 +314,7 @@ def choose_depth(
     least_mm: float = 0.0,
     separation: float | None = None,
     modulus_mpa: float | None = None,
+    hidden: Callable[[Array], bool] = lambda _: True,
 ) -> DepthChoice:
     """Return the best of `candidates` depth profiles: some are random, the others variations of the best.
 
@@ -341,6 +333,7 @@ def choose_depth(
         separation: distance to which strands that hide each other are parted, mm; None: they are not.
         modulus_mpa: Young's modulus. If it is given, strands stand in arches on a floor at the extent's
             bottom, and arches with a leg that would sway while printing are halved.
+        hidden: as for `plan_bars`, of points in the view's axes.
     """
     rng = np.random.default_rng(seed)
     judge = _Judge(
@@ -353,6 +346,7 @@ def choose_depth(
         sharpening,
         lanes,
         modulus_mpa is not None,
+        hidden,
     )
     every = np.concatenate(curves)
     across = float((every.max(0) - every.min(0)).max()) + 2 * radius

@@ -79,6 +79,7 @@ def lift_template(
         _FLAT_RADII * radius,
         separation if parted and lanes is None else None,
         problem.leg_modulus_mpa(radius) if problem.arched else None,
+        target.hides,
     )
     if flat:
         depth = replace(depth, extent_mm=None)

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
 from knotfab.design.design import _BRACINGS
 from knotfab.design.retries import _FLATTEST_DEG, start_on_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
-from knotfab.problem import Start
-from knotfab.scene.camera import view_axes
+from knotfab.problem import Start, TargetView
 from knotfab.start.profiles import lower
 from knotfab_formats.scene import ResolvedView
 
@@ -38,7 +38,7 @@ def ask(
 ) -> Start | None:
     view = ResolvedView(frame_width_mm=400.0, frame_height_mm=400.0, light_distance_mm=LIGHT)
     mask = np.ones((400, 400), dtype=bool)
-    target = SimpleNamespace(view=view, axes=view_axes(view), mask=mask)
+    target = TargetView(view, mask, MultiPolygon())
     problem: Any = SimpleNamespace(
         arched=arched, views=(target,), leg_modulus_mpa=lambda radius: PLA
     )

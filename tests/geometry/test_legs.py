@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from knotfab.base.arrays import Array
-from knotfab.geometry.legs import BAR_MM, MOST_BAR_MM, SUNK_MM, Leg, find_legs, plan_bars
+from knotfab.geometry.legs import (
+    BAR_MM,
+    MOST_BAR_MM,
+    SUNK_MM,
+    Leg,
+    find_legs,
+    hide_behind,
+    plan_bars,
+)
 from knotfab_formats.upright import longest_free_leg_mm
 
 RADIUS, PLA = 1.66, 2300.0
@@ -137,3 +145,14 @@ def test_two_legs_are_joined_above_the_valley_that_they_share(rise_mm: float, la
     planned, lacking = plan_bars(legs, RADIUS, PLA)
     assert (len(lacking) > 0) == lacks
     assert all(bar.start[2] > 2 + RADIUS for bar in planned)
+
+
+def test_a_pixel_hides_what_is_nearer_to_its_middle_than_to_others() -> None:
+    rng = np.random.default_rng(6)
+    mask = rng.random((7, 9)) < 0.5
+    hidden = hide_behind(mask, np.eye(3, 4))
+    row, column = (rng.integers(-1, size + 1, 300) for size in mask.shape)
+    u, v = np.stack([column, row]) + rng.uniform(-0.49, 0.49, (2, 300))
+    within = np.pad(mask, 1)[row + 1, column + 1]
+    for n, w in enumerate(rng.uniform(0.5, 2.0, 300)):
+        assert hidden(w * np.array([[u[n], v[n], 1.0]])) == within[n]

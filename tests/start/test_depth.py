@@ -185,6 +185,20 @@ def test_what_draws_the_outline_is_told_by_the_distance_to_it(
     np.testing.assert_allclose(drawing, exact, atol=1e-3)
 
 
+def test_the_picture_hides_what_casts_its_shadow_inside_at_any_depth(problem: Problem) -> None:
+    rng, (one,) = np.random.default_rng(5), problem.views
+    low, high = np.array(one.polygon.bounds).reshape(2, 2)
+    flat = rng.uniform(low - 5.0, high + 5.0, (400, 2))
+    # to half a pixel, whatever its outline's corners
+    sure = shapely.distance(one.polygon.boundary, shapely.points(flat)) > one.view.pixel_mm
+    inside = shapely.contains(one.polygon, shapely.points(flat))
+    light = one.view.light_distance_mm
+    lifted = lift(flat, rng.uniform(-40.0, 40.0, len(flat)), light)
+    found = [one.hides(point[None]) for point in lifted[sure]]
+    assert 50 < sum(found) < len(found) - 50 and (np.array(found) == inside[sure]).all()
+    assert not one.hides(lifted[sure]) and one.hides(lifted[sure & inside])
+
+
 def _lit_by(problem: Problem, diameter_mm: float, word: Switch = None) -> Problem:
     one = problem.views[0]
     view = one.view.model_copy(update={"light_diameter_mm": diameter_mm})
