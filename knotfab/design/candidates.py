@@ -180,6 +180,8 @@ ARCHES, PER_GRAM = 1.46, 1.08
 LENGTH_ARCHED = {"sketch": 1.57, "draft": 1.71, "standard": 2.0, "fine": 2.0}
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
 ROOM = 0.02
+# and at most of the room behind the picture, its area times the depth: strokes alone ask for little
+_BEHIND = 0.08
 # share of a tube's core that infill and layers fill where it is level
 _CORE_FILLED = 0.05
 # printing time of a flank in layers of .2 mm: s a mm of tube and of its loops' radii, and a mm of tube for
@@ -247,7 +249,7 @@ def guess_print(
     room = 2.0 * view.reach_mm
     depth = 0.0 if flat else scene.piece.depth or min(room, DEPTH_RATIO * max(size_mm))
     around = 0.0 if alone else 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
-    supports = 0.0 if alone else ROOM * max(size_mm) ** 2 * depth
+    supports = min(ROOM * max(size_mm) ** 2 * depth, 1e3 * _BEHIND * around)
     hours = hours_of_tube(tube, radius_mm, scene.printer) / (1.0 if alone else PER_GRAM)
     hours += hours_of_plate(plate, scene.mount.thickness_mm, scene.printer) + _HOURS_AROUND * around
     laid = share_laid(scene.printer, radius_mm) * tube + plate + supports

@@ -31,7 +31,7 @@ from knotfab.design.motion import find_leap
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.settings import suit_settings
-from knotfab.design.small import SmallParts
+from knotfab.design.small import SmallParts, require_strokes
 from knotfab.knots import read_start
 from knotfab.picture.frames import count_knots
 from knotfab.picture.lamps import Separation
@@ -42,7 +42,7 @@ from knotfab.problem import Start
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.lift import refuse_doubled
-from knotfab.start.start import make_template
+from knotfab.start.start import make_start, make_template
 from knotfab_formats.piece import Piece
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
@@ -143,7 +143,7 @@ def survey(
     Args:
         targets: one a view, in the views' order, or the frames of a sequence.
         choose: whether to choose the radius; otherwise the thinnest is taken, and no losses are found.
-        placed: whether to place one picture's strands in depth, as a build that chooses its tube begins.
+        placed: whether to place strands in depth, as a build begins, where the radius does not ask for it.
 
     Raises:
         InputError: the pictures do not fit the scene.
@@ -160,7 +160,7 @@ def survey(
     start: Start | None = None
     if choose and refusal is None:
         try:
-            question, choice = _choose_tube(scene, targets, placed or len(targets) > 1)
+            question, choice = _choose_tube(scene, targets, placed)
             radius, template, small = choice.radius_mm, choice.template, choice.small
             start = choice.start if len(targets) == 1 else None
             if template is not None and template.passes and scene.piece.supports == "none":
@@ -244,7 +244,7 @@ def _survey_views(scene: ResolvedScene, targets: Sequence[Target]) -> tuple[View
 def _choose_tube(
     scene: ResolvedScene, targets: Sequence[Target], placed: bool
 ) -> tuple[Question, RadiusChoice]:
-    """Return a build's question and its tube, with a start if `placed` and the scene gives no radius.
+    """Return a build's question and its tube, with the search's start if `placed`.
 
     Raises:
         SceneError: no tube draws the pictures.
@@ -255,11 +255,19 @@ def _choose_tube(
     if radius is None and settings.start:
         radius = read_start(Path(settings.start)).radius_mm
     if radius is None:
-        return question, choose_radius(question, settings, knots, placed=placed)
-    template = None
-    if len(targets) == 1:
-        template = make_template(question.problem.views[0], radius, knots)
-    return question, RadiusChoice(radius, (), template)
+        placed = placed or len(targets) > 1  # their starts tell the radius
+        choice = choose_radius(question, settings, knots, placed=placed)
+    else:
+        template = start = None
+        if len(targets) == 1:
+            template = make_template(question.problem.views[0], radius, knots)
+        if placed and not settings.start:
+            problem = question.with_depth(radius).problem
+            start = make_start(problem, radius, settings, knots, template=template)
+        choice = RadiusChoice(radius, (), template, start)
+    if choice.start is not None:
+        require_strokes(question, choice.start)
+    return question, choice
 
 
 def _add_losses(
@@ -390,7 +398,8 @@ def _refuse_small(seen: ViewSurvey, scene: ResolvedScene) -> SceneError | None:
     radius = line_radius(seen.view) if seen.view.lines else scene.thinnest_mm
     boxes = np.array([piece.bounds for piece in seen.polygon.geoms]) / seen.px_per_mm
     longest, least = float((boxes[:, 2:] - boxes[:, :2]).max()), _CLOSES * radius
-    if longest >= least or (scene.piece.knots or seen.pieces) < seen.pieces:
+    bridged = (scene.piece.knots or seen.pieces) < seen.pieces
+    if longest >= least or bridged or scene.piece.knot != "unknot":
         return None
     return SceneError(
         PICTURE,

@@ -38,6 +38,11 @@ CALLS = {
     "validate film": (r"(knotfab validate .*?)\.?$", None),
     "validate piece --failures piece.jpg": ("Name a file in .png", ("piece.jpg", "piece.png")),
     "validate piece --skip everything": ("Known: .*shadow-render", ("everything", "shadow-render")),
+    "preview piece/scene.toml": ("by its name: --scene piece/", ("piece/", "--scene piece/")),
+    "compare square.png piece": (
+        "name them: --corners x,y x,y x,y x,y",
+        ("piece", "piece --corners 0,0 64,0 64,64 0,64"),
+    ),
     "preview square.png --out square.jpg": ("Name a file in .png", ("square.jpg", "square-1.png")),
 }
 

@@ -352,6 +352,16 @@ def test_the_guess_adds_up_several_pictures() -> None:
     assert one.hours and two.hours and one.hours < two.hours < 2 * one.hours
 
 
+def test_strokes_alone_are_not_promised_the_supports_of_a_filled_picture() -> None:
+    """A line of 136 mm came to .6 g, a ring to 4 g, and previews said 42 g of both."""
+    seen, scene = survey(resolve(Scene()), [read_target("text:o")]).views[0], resolve(Scene())
+    line, ring, disc = (
+        guess_print(scene, seen.view, [area], (136.0, high), 0.8).mass_g
+        for area, high in ((220.0, 2.0), (690.0, 136.0), (14_500.0, 136.0))
+    )
+    assert line < 5.0 < ring < 10.0 < disc / 5.0
+
+
 @pytest.mark.parametrize("name", ["cat", pytest.param("knight", marks=pytest.mark.study)])
 def test_the_radius_is_that_of_the_build(name: str) -> None:
     """Here the search's own choice, made without the preview's memory, places of knots included."""

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pieces
 import pytest
 from PIL import Image, ImageDraw
 
@@ -97,6 +98,11 @@ REFUSED: dict[str, Options] = {
     "heart.png --ink alpha": {},
     "heart.png --crop 0,0,9000,9000": {},
     "pale.png": {},
+    "flag.png": {},
+    "heart.png --start kept.json --free view": {},
+    "heart.png --start kept.json --knot trefoil": {},
+    "walk/01.png walk/02.png --sequence --start kept.json": {},
+    "walk/01.png walk/02.png --sequence --knots 9": {},
     "fine.png --size 45": {},
     "fine.png --size 45 --tube-radius 3": {},
     "many.png": {},
@@ -195,7 +201,7 @@ def suggest(error: KnotfabError, asked: Options, given: Options) -> Iterator[Opt
 
 
 def _draw(folder: Path) -> None:
-    """Draw pictures that are refused: pale, too fine, of many pieces, and frames far apart."""
+    """Draw pictures that are refused, pale, too fine, too small, or far apart, and knots to start from."""
     rng = np.random.default_rng(4)
     pale = np.uint8(245 + rng.integers(0, 2, (200, 200)))
     pale[60:140, 60:140] -= 2
@@ -214,6 +220,10 @@ def _draw(folder: Path) -> None:
     dot = Image.new("L", (400, 400), 255)
     ImageDraw.Draw(dot).ellipse((40, 40, 360, 360), fill=0)
     dot.save(folder / "dot.png")
+    flag = np.full((200, 200, 3), (200, 20, 20), np.uint8)
+    flag[:, :100] = 20, 40, 200
+    Image.fromarray(flag).save(folder / "flag.png")
+    (folder / "kept.json").write_text(pieces.knots(pieces.ring(40.0)).dump_start())
     (folder / "leap").mkdir()
     for number, up in enumerate((-230, 230), start=1):
         frame = Image.new("L", (450, 350), 255)
@@ -243,10 +253,14 @@ def test_what_a_refusal_suggests_does(
     words: str, drawn: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures, asked = parse(words)
-    pictures = [
-        next((str(place / name) for place in (HERE, drawn) if (place / name).exists()), name)
-        for name in pictures
-    ]
+    found = {
+        name: str(place / name)
+        for name in (*pictures, *map(str, asked.values()))
+        for place in (HERE, drawn)
+        if (place / name).exists()
+    }
+    pictures = [found.get(name, name) for name in pictures]
+    asked = {option: found.get(str(value), value) for option, value in asked.items()}
 
     def reach(*_: object, **__: object) -> None:
         raise Surveyed
@@ -269,6 +283,15 @@ def test_what_a_refusal_within_a_build_suggests_does(words: str) -> None:
     error = refuse_late(pictures, asked)
     assert error is not None
     _try_each(error, pictures, asked, REFUSED_LATE[words], refuse_late)
+
+
+@pytest.mark.parametrize("words", [w for w in REFUSED_LATE if w.startswith("heart.png teapot")])
+def test_a_preview_refuses_as_the_build_would(words: str) -> None:
+    names, asked = parse(words)
+    pictures = [str(HERE / name) for name in names]
+    named = {name.replace("-", "_"): value for name, value in asked.items()}
+    found = survey_pictures(pictures, options_from({"accuracy": "sketch", **named}))
+    assert str(found.refusal) == str(refuse_late(pictures, asked))
 
 
 def _try_each(
