@@ -38,6 +38,14 @@ class Leg:
     curve: int
     points: Array
 
+    def list_free(self, ties: Array, within_mm: float) -> Array:
+        """Return how much of it stands free below each point, (n,) mm, up to its next tie so near to it."""
+        tied = cKDTree(self.points).query_ball_point(ties, within_mm) if len(ties) else []
+        held = np.zeros(len(self.points), dtype=np.int64)
+        for near in tied:
+            held[near] = near
+        return np.asarray(_STEP_MM * (np.arange(len(held)) - np.maximum.accumulate(held)))
+
 
 @dataclass(frozen=True)
 class Bar:
@@ -46,6 +54,11 @@ class Bar:
     start: Array
     end: Array
     gap_mm: float
+
+    def moved(self, motion: Array) -> Bar:
+        """Return the bar moved by a similarity (4, 4)."""
+        start, end = np.array([self.start, self.end]) @ motion[:3, :3].T + motion[:3, 3]
+        return Bar(start, end, self.gap_mm * float(np.cbrt(np.linalg.det(motion[:3, :3]))))
 
     def record(self) -> dict[str, Any]:
         """Return its entry in knots.json: the axis of the box, its width and height."""

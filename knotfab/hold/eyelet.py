@@ -8,6 +8,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.base.errors import SceneError
+from knotfab.geometry.legs import BAR_MM, Bar
 from knotfab.geometry.measures import segment_distance
 from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows
@@ -24,10 +25,12 @@ from knotfab.hold.struts import (
     opens_slowly,
 )
 from knotfab.knots import Knots
+from knotfab_formats.upright import longest_free_leg_mm
 
 _HEIGHTS = 24  # heights of the eyelet that are tried
 _ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
 _AT_ONCE = 400  # posts that are looked at together, from those that show least on
+_RISE_DEG = 46.0  # of a member from the bed at least, as strands' flanks
 THREAD_MM = 1.0  # across the thread's way, with some room
 _FAR_MM = 1e4  # above every piece
 _SIDES = 48  # places along a ring at which it is told how far a post is
@@ -61,6 +64,49 @@ class Eyelet:
         return Masses(np.array([volume]), self.middle[None])
 
 
+@dataclass(frozen=True)
+class Bed:
+    """The bed on which a piece prints without supports: `up` (3,) from it, and the material's modulus.
+
+    `bars` hold legs while they print; of legs, `free_mm` (n,) below `places` (n, 3) stand free. All are in
+    the scene. An eyelet's posts meet in its lowest place.
+    """
+
+    up: Array
+    young_mpa: float
+    radius_mm: float
+    bars: tuple[Bar, ...]
+    places: Array
+    free_mm: Array
+
+    @property
+    def blocks(self) -> Candidates:
+        """The bars as members, for others to keep clear of."""
+        start, end = (
+            np.array([(b.start, b.end) for b in self.bars]).reshape(-1, 2, 3).swapaxes(0, 1)
+        )
+        none = np.zeros(len(start), dtype=np.int64)
+        return Candidates(none, none, start, end, np.full(len(start), BAR_MM[0] / 2))
+
+    def carries(self, some: Candidates) -> Mask:
+        """Return which members rise from a leg so steeply, and are so stiff with it while they print, (n,).
+
+        A post rises to its end, a strut from either end to the other.
+        """
+        from scipy.spatial import cKDTree
+
+        rise = (some.end - some.start) @ self.up
+        low = np.where(
+            (rise >= 0)[:, None] | (some.second == GROUND)[:, None], some.start, some.end
+        )
+        rise = np.where(some.second == GROUND, rise, np.abs(rise))
+        steep = rise >= np.sin(np.radians(_RISE_DEG)) * some.length_mm
+        # a cantilever's tip moves by its free length cubed over the fourth power of its radius
+        below, own = self.free_mm[cKDTree(self.places).query(low)[1]], some.length_mm
+        limp = ((below + own) ** 3 - own**3) / self.radius_mm**4 + own**3 / some.radius**4
+        return np.asarray(steep & (limp <= longest_free_leg_mm(1.0, self.young_mpa) ** 3))
+
+
 def bound_ring(ring: Eyelet) -> Candidates:
     """Return a member as thick as the whole ring is wide, for struts to keep clear of."""
     reach = ring.ring_mm + ring.wire_mm
@@ -86,12 +132,17 @@ def ring_bars(ring: Eyelet) -> Candidates:
     return Candidates(none, none, at[:-1], at[1:], np.full(8, ring.wire_mm))
 
 
-def centre_eyelet(posts: Candidates, ring: Eyelet, middle: Array) -> tuple[Candidates, Eyelet]:
+def centre_eyelet(
+    posts: Candidates, ring: Eyelet, middle: Array, bed: Bed | None = None
+) -> tuple[Candidates, Eyelet]:
     """Move eyelet and posts so that the eyelet is straight above the centre of mass `middle`.
 
     All posts end where the first one meets the ring.
     """
     at = np.array([middle[0], ring.middle[1], middle[2]])
+    if bed is not None:
+        end = np.tile(at - ring.ring_mm * bed.up, (len(posts), 1))
+        return replace(posts, end=end), replace(ring, middle=at)
     axis = (at - posts.start[0]) / np.linalg.norm(at - posts.start[0])
     level = np.cross(axis, UP)
     # the post must lie in the ring's plane; a post that stands upright does so in any
@@ -130,6 +181,7 @@ def choose_post(
     radius: float,
     obstacles: Obstacles,
     shadows: MountShadows,
+    bed: Bed | None = None,
 ) -> tuple[Candidates, Eyelet]:
     """Choose the post and the eyelet above `middle` (3,) that show least.
 
@@ -144,16 +196,22 @@ def choose_post(
     free = has_room(obstacles, *rings)
     free &= obstacles.clear(join_members([draw_thread(one) for one in rings]))
     for n in np.flatnonzero(free):
-        along = rings[n].middle - sites.point
+        to = rings[n].middle if bed is None else rings[n].middle - ring.ring_mm * bed.up
+        along = to - sites.point
         length = np.linalg.norm(along, axis=1)
         square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
         some = np.flatnonzero(square & (length >= ring.ring_mm + ring.wire_mm + knots.radius_mm))
-        end = rings[n].middle - ring.ring_mm * along[some] / length[some, None]
+        end = np.tile(to, (len(some), 1))
+        if bed is None:
+            end -= ring.ring_mm * along[some] / length[some, None]
         ground = np.full(len(some), GROUND)
         start, thick = sites.point[some], np.full(len(some), radius)
         parts.append(Candidates(some, ground, start, end, thick))
         at.append(np.full(len(some), n))
     every, number = join_members(parts), np.concatenate(at)
+    if bed is not None:
+        carried = bed.carries(every)
+        every, number = every.take(carried), number[carried]
     if not len(every):
         raise no_place()
     shown = np.array([shadows.cost(ring_bars(one)).sum() for one in rings])
@@ -163,11 +221,13 @@ def choose_post(
         clear = obstacles.clear(every.take(order[begin : begin + _AT_ONCE]))
         if clear.any():
             best = int(order[begin + clear.argmax()])
-            return centre_eyelet(every.take([best]), rings[number[best]], middle)
+            return centre_eyelet(every.take([best]), rings[number[best]], middle, bed)
     raise no_place()
 
 
-def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:
+def list_posts(
+    sites: Sites, post: Candidates, least_mm: float, bed: Bed | None = None
+) -> Candidates:
     """List further posts to the end of an eyelet's first `post`, of at least this length."""
     along = post.end[0] - sites.point
     length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
@@ -176,7 +236,8 @@ def list_posts(sites: Sites, post: Candidates, least_mm: float) -> Candidates:
     square = np.abs(np.einsum("ij,ij->i", along, sites.tangent)) <= MOST_COSINE * length
     some = np.flatnonzero(from_below & square & (length >= least_mm))
     end, ground = np.tile(post.end, (len(some), 1)), np.full(len(some), GROUND)
-    return Candidates(some, ground, sites.point[some], end, np.full(len(some), post.radius[0]))
+    every = Candidates(some, ground, sites.point[some], end, np.full(len(some), post.radius[0]))
+    return every if bed is None else every.take(bed.carries(every))
 
 
 def leave_no_gap(posts: Candidates, ring: Eyelet, clearance_mm: float) -> Mask:

@@ -29,6 +29,7 @@ from knotfab.hold.beams import (
 )
 from knotfab.hold.eyelet import (
     UP,
+    Bed,
     Eyelet,
     centre_eyelet,
     choose_post,
@@ -67,6 +68,9 @@ SPANS = (0.7, 0.55, 0.4, 0.3)  # shares of the piece's width between two threads
 LEAST_SPAN_MM = 15.0  # threads that are nearer to each other hardly keep a piece from turning
 # loss of IoU by a turn of 1 degree, from which on two threads keep a piece from turning
 TURN_LOSS = 0.005
+_STANDING_SHARE = (
+    0.85  # of the tube's radius: a post's that stands alone while it prints, and its ring's
+)
 MOST_POSTS = 4  # posts from strands to an eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12
@@ -83,10 +87,14 @@ _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which post
 
 @dataclass(frozen=True, kw_only=True)
 class HangMount(MemberHolder):
-    """A hanger in the scene; its posts lead to its eyelets. The piece hangs askew by `tilt_deg`."""
+    """A hanger in the scene; its posts lead to its eyelets. The piece hangs askew by `tilt_deg`.
+
+    `bed`: on which it prints without supports, if it does.
+    """
 
     eyelets: tuple[Eyelet, ...]
     tilt_deg: float
+    bed: Bed | None = None
 
     @property
     def threads(self) -> Array:
@@ -102,6 +110,7 @@ def plan_hang(
     stiffness: Stiffness,
     least_radius_mm: float,
     ends: bool = False,
+    bed: Bed | None = None,
 ) -> HangMount:
     """Choose struts, posts and eyelets for knots in scene coordinates (gravity: -y).
 
@@ -113,12 +122,16 @@ def plan_hang(
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole frame.
         least_radius_mm: of a member that the printer can make.
         ends: whether screens end at their frames, beside which no shadow is seen.
+        bed: where it prints without supports: every member rises from a strand, and an eyelet stands on its
+            posts, as high as the centre of mass. One flat on the bed would let the piece tip.
 
     Raises:
         SceneError: a knot cannot be reached, or no eyelet has a place.
     """
     tube = knots.radius_mm
-    thin = max(VISIBLE_SHARES[0] * tube, min(least_radius_mm, tube))
+    # what stands alone while it prints is thicker
+    share = VISIBLE_SHARES[0] if bed is None else _STANDING_SHARE
+    thin = max(share * tube, min(least_radius_mm, tube))
     sites = sites_of(knots)
     shadows = MountShadows(knots, cameras, targets, ends)
     obstacles = Obstacles(knots, sites, clearance_mm)
@@ -127,12 +140,25 @@ def plan_hang(
     seen = least_shown(near.take(~unseen), shadows, BRIDGES, len(sites.knot))
     pool = join_members([near.take(unseen), seen, list_bridges(sites, shadows, tube, thin)])
     visible = np.arange(len(pool)) >= unseen.sum()
+    if bed is not None:
+        obstacles.add(bed.blocks)
+        carried = bed.carries(pool)
+        pool, visible = pool.take(carried), visible[carried]
     longest = int(np.argmax(sites.perimeter))
-    joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
+    try:
+        joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
+    except SceneError as error:
+        if bed is None:
+            raise
+        raise SceneError(
+            "a piece of several knots on threads, without supports",
+            "no strut rises from one knot to the next so steeply that it prints",
+            "Use --supports slicer, or leave out --mount",
+        ) from error
     wire, across = max(thin, least_radius_mm), cameras[0].level_axes[0]
     blank = Eyelet(np.zeros(3), across, 0.5 * HOLE_MM + wire, wire)
     work = _Hanger(
-        knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank
+        knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank, bed
     )
     found = []
     fixed = len(cameras) == 1 or lost_by_turning(knots, cameras, targets) >= TURN_LOSS
@@ -196,6 +222,7 @@ class _Hanger:
     stiffness: Stiffness
     thin: float
     blank: Eyelet
+    bed: Bed | None
 
     @property
     def middle(self) -> Array:
@@ -225,7 +252,8 @@ class _Hanger:
         way, dark = copy(self.obstacles), self.shadows.twin()
         posts, rings = list[Candidates](), list[Eyelet]()
         for at in middle + offsets:
-            post, ring = choose_post(self.knots, self.sites, at, self.blank, self.thin, way, dark)
+            how = self.blank, self.thin, way, dark, self.bed
+            post, ring = choose_post(self.knots, self.sites, at, *how)
             posts, rings = [*posts, post], [*rings, ring]
             way.add(join_members([post, keep_free(ring)]))
             dark.add(join_members([post, ring_bars(ring)]))
@@ -266,7 +294,7 @@ class _Hanger:
                 masses = masses_of(knots, join_members([struts, *posts]))
                 middle = _centre_of_mass(masses, *(ring.masses for ring in rings))
                 moved = [
-                    centre_eyelet(post, ring, middle + by)
+                    centre_eyelet(post, ring, middle + by, self.bed)
                     for post, ring, by in zip(posts, rings, offsets, strict=True)
                 ]
                 posts, rings = [post for post, _ in moved], [ring for _, ring in moved]
@@ -286,6 +314,7 @@ class _Hanger:
                     holds=held,
                     eyelets=tuple(rings),
                     tilt_deg=_tilt_deg(threads, middle),
+                    bed=self.bed,
                     sag_mm=sag,
                     sag_at=at,
                     predicted_intrusion=self.shadows.darken(bars),
@@ -302,6 +331,8 @@ class _Hanger:
 
     def _is_clear(self, struts: Candidates, posts: list[Candidates], rings: list[Eyelet]) -> bool:
         """Return whether posts, rings and threads still touch nothing where they were moved to."""
+        if self.bed is not None:
+            struts = join_members([self.bed.blocks, struts])
         for k, ring in enumerate(rings):
             apart = copy(self.obstacles)
             apart.members = join_members(
@@ -327,7 +358,7 @@ class _Hanger:
             way = copy(self.obstacles)
             others = [*first[:k], *first[k + 1 :], *map(keep_free, rings[:k] + rings[k + 1 :])]
             way.add(join_members([no_members(), *others]))
-            pool = list_posts(sites, post, ring.ring_mm + ring.wire_mm + tube)
+            pool = list_posts(sites, post, ring.ring_mm + ring.wire_mm + tube, self.bed)
             free = way.clear(pool) & leave_no_gap(pool, ring, way.clearance)
             pools.append(pool.take(free))
         pool = join_members(pools)

@@ -10,18 +10,21 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
+from knotfab.geometry.legs import find_legs, hide_behind, plan_bars
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
+from knotfab.hold.eyelet import Bed
 from knotfab.hold.foot_plate import ears_mm, plan_foot_plate
 from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, plan_hang
 from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
 from knotfab.hold.stand import StandMount, StandSettings, plan_stand
 from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
 from knotfab.knots import Knots
-from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.camera import Camera, camera_of, view_axes
 from knotfab.scene.require import require_mount
 from knotfab_formats.print_figures import MountFigures, PlateFigures, RootsFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
+from knotfab_formats.slicer_ini import stiffness_share
 from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_most
 
@@ -73,7 +76,9 @@ def mount_piece(
         scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
         return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, stand)
     if asked.kind == "hang":
-        hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends)
+        alone = scene.piece.supports == "none"
+        bed = _plan_bed(scene, knots, cameras[0], targets[0]) if alone else None
+        hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends, bed)
         bodies, (first, *second) = hang_bodies(tubes, hang), map(tuple, hang.threads.tolist())
         count = tuple(int((hang.holds == k).sum()) for k in every)
         places = {"thread_mm": first, "second_thread_mm": second[0] if second else None}
@@ -95,6 +100,21 @@ def mount_piece(
     scene = scene.but(mount=asked.but(pegs=count))
     # the wall on the bed, its front up
     return Mounted(bodies, names, scene, cameras[0].wall_axes, mount)
+
+
+def _plan_bed(scene: SettledScene, knots: Knots, camera: Camera, target: Mask) -> Bed:
+    """Plan the bars of a piece that stands on the bed with the light's axis up, for eyelets to keep off."""
+    upright = np.eye(4)
+    upright[:3, :3] = axes = view_axes(scene.views[0])
+    legs = find_legs([knot.points @ axes.T for knot in knots.knots])
+    firm = scene.material.young_modulus_mpa * stiffness_share(scene.printer, knots.radius_mm)
+    hidden = hide_behind(target, camera.projection @ upright.T)
+    bars, _ = plan_bars(legs, knots.radius_mm, firm, hidden, thrifty=True)
+    ties = np.array([end for bar in bars for end in (bar.start, bar.end)]).reshape(-1, 3)
+    free = [leg.list_free(ties, 1.5 * knots.radius_mm) for leg in legs]
+    places = np.concatenate([leg.points for leg in legs]) @ axes
+    bars = [bar.moved(upright.T) for bar in bars]
+    return Bed(axes[2], firm, knots.radius_mm, tuple(bars), places, np.concatenate(free))
 
 
 def _name_knots(count: int) -> list[str]:

@@ -105,7 +105,11 @@ def part_of(
                 scene.printer, made.knots.radius_mm
             )
             in_plate = mounted.scene.mount.on_feet
-            pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate)
+            given = None
+            if mounted.hang is not None and (bed := mounted.hang.bed) is not None:
+                back = np.asarray(np.linalg.inv(pose.matrix), dtype=np.float64)
+                given = [bar.moved(back) for bar in bed.bars]
+            pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate, given)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]
     return Part(bodies, pose, mounted, standing)
 
@@ -188,11 +192,13 @@ def stand(
     young_modulus_mpa: float,
     hidden: Callable[[Array], bool],
     in_plate: bool = False,
+    given: list[Bar] | None = None,
 ) -> tuple[PrintPose, list[Mesh], Standing]:
     """Cut the feet of a piece level and lay it on them, unless they end in a plate, and plan its bars.
 
     Args:
         pose: with the light's axis up. bodies: in its coordinates. hidden: as for `plan_bars`.
+        given: its bars, if they are planned already.
 
     Returns:
         The pose and the bodies, cut, without the bars, which are in the pose's coordinates.
@@ -200,9 +206,10 @@ def stand(
     knots = pose.knots
     cut = 0.0 if in_plate else CUT_RADII * knots.radius_mm
     legs = find_legs([knot.points for knot in knots.knots])
-    planned, _ = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden, thrifty=True)
+    if given is None:
+        given, _ = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden, thrifty=True)
     down = np.array([0.0, 0.0, -cut])
-    bars = tuple(Bar(b.start + down, b.end + down, b.gap_mm) for b in planned)
+    bars = tuple(Bar(b.start + down, b.end + down, b.gap_mm) for b in given)
     assert max((bar.gap_mm for bar in bars), default=0.0) < MOST_BRIDGE_MM
     shift = np.eye(4)
     shift[:3, 3] = down

@@ -94,13 +94,9 @@ def why_supported(scene: ResolvedScene) -> tuple[str, str] | None:
             "fixes their height",
             "Leave it out, or give one picture",
         )
+    if scene.mount.kind == "hang":
+        return None  # its eyelets stand on posts that rise from strands
     if (scene.mount.asked or scene.mount.plate == "pegs") and not scene.mount.on_feet:
-        if scene.mount.kind == "hang":
-            return (
-                "an eyelet flat on the bed lies behind the centre of mass and would let it tip out of "
-                "the light, and struts that keep strands from sagging on a thread would begin in mid-air",
-                "Leave out --mount, and it hangs on two nails by flat pads in its shadow",
-            )
         held = "a stand holds" if scene.mount.kind == "stand" else "pegs hold"
         return (
             f"{held} it off the bed, and its strands would begin in mid-air",

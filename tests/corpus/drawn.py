@@ -35,8 +35,8 @@ Rng = np.random.Generator
 Edit = Callable[[Held, Rng], object]
 Change = Callable[[bytes], bytes]
 ON_PLATE = "wall pegs", "roots", "rounded plate", "full plate", "outline plate"
-WITH_MEMBERS = "wall pegs", "drilled holes", "stand", "hang"
-MOUNTED = *ON_PLATE, "drilled holes", "stand", "hang"
+WITH_MEMBERS = "wall pegs", "drilled holes", "stand", "hang", "hang, no supports"
+MOUNTED = *ON_PLATE, "drilled holes", "stand", "hang", "hang, no supports"
 EVERY = tuple(HOLDERS)
 
 

@@ -216,11 +216,16 @@ HOLDERS: Mapping[str, Mapping[str, Any]] = {
     "drilled holes": {"mount": {"kind": "wall", "foot": "dowel", "max_sag_mm": 0.02}},
     "stand": {"mount": {"kind": "stand"}},
     "hang": {"mount": {"kind": "hang"}},
+    "hang, no supports": {"mount": {"kind": "hang"}, "piece": {"supports": "none"}},
     "lamp frame": {"mount": {"kind": "none"}},
     "no supports": {"mount": {"kind": "none"}, "piece": {"supports": "none"}},
     "bare": {"mount": {"kind": "none"}},
 }
-FILLED = "no supports", "roots"  # pictures of a disc, which hides what joins the rings
+FILLED = (
+    "no supports",
+    "roots",
+    "hang, no supports",
+)  # pictures of a disc, which hides what joins the rings
 LAMPS = {"red": ([1.0, 0.0, 0.0], -90.0), "blue": ([0.0, 0.0, 1.0], 90.0)}
 
 
@@ -265,6 +270,8 @@ def _scene(holder: str) -> SettledScene:
 
 
 def _knots_for(holder: str) -> Knots:
+    if holder == "hang, no supports":
+        return Knots((Knot(_arches(4, 46.0, 60.0)), Knot(_arches(4, 40.0, 60.0))), RADIUS_MM)
     if holder == "no supports":
         return Knots((Knot(_arches(3, 46.0, 60.0)), Knot(_arches(3, 40.0, 60.0))), RADIUS_MM)
     rings = [_ring(48.0, 6.0), _ring(30.0, 6.0)]

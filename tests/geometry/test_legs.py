@@ -8,6 +8,7 @@ from knotfab.geometry.legs import (
     BAR_MM,
     MOST_BAR_MM,
     SUNK_MM,
+    Bar,
     Leg,
     find_legs,
     hide_behind,
@@ -156,3 +157,24 @@ def test_a_pixel_hides_what_is_nearer_to_its_middle_than_to_others() -> None:
     within = np.pad(mask, 1)[row + 1, column + 1]
     for n, w in enumerate(rng.uniform(0.5, 2.0, 300)):
         assert hidden(w * np.array([[u[n], v[n], 1.0]])) == within[n]
+
+
+def test_a_leg_stands_free_from_its_foot_or_its_last_tie() -> None:
+    up = np.linspace(0.0, 40.0, 101)[:, None] * [0.0, 0.0, 1.0]
+    ties = np.array(
+        [[1.0, 0.0, 12.0], [1.0, 0.0, 30.0], [9.0, 0.0, 36.0]]
+    )  # the last is another leg's
+    free = Leg(0, up).list_free(ties, 1.5)
+    assert free[:25] == pytest.approx(up[:25, 2]) and free.max() <= 18.0
+    assert free[60] == pytest.approx(24.0 - 12.0, abs=1.5) and free[-1] == pytest.approx(
+        10.0, abs=1.5
+    )
+    assert Leg(0, up).list_free(np.empty((0, 3)), 1.5) == pytest.approx(up[:, 2])
+
+
+def test_a_bar_moves_with_its_piece() -> None:
+    turn = np.array(
+        [[0.0, -2.0, 0.0, 5.0], [2.0, 0.0, 0.0, 0.0], [0.0, 0.0, 2.0, 1.0], [0, 0, 0, 1]]
+    )
+    bar = Bar(np.array([1.0, 0.0, 3.0]), np.array([4.0, 0.0, 3.0]), 3.0).moved(turn)
+    assert (*bar.start, *bar.end, bar.gap_mm) == pytest.approx((5, 2, 7, 5, 8, 7, 6))

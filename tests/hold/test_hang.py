@@ -17,7 +17,7 @@ from knotfab.base.errors import SceneError
 from knotfab.geometry.measures import segment_distance
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep
 from knotfab.hold.beams import hold_by_threads, piece_frame, springs_of
-from knotfab.hold.eyelet import Eyelet, has_room, leave_no_gap
+from knotfab.hold.eyelet import Bed, Eyelet, has_room, leave_no_gap
 from knotfab.hold.hang import (
     LEAST_SPAN_MM,
     MOST_POSTS,
@@ -26,13 +26,16 @@ from knotfab.hold.hang import (
     HangMount,
     _Hanger,
     hang_bodies,
+    hang_fixtures,
     let_swing,
     lost_by_turning,
     plan_hang,
 )
 from knotfab.hold.planner import MOST, Planned, _Plan, plan_members
+from knotfab.hold.plinth import Masses
 from knotfab.hold.shade import MountShadows
 from knotfab.hold.space_frame import assemble_frame, round_beams
+from knotfab.hold.stand import masses_of
 from knotfab.hold.struts import GROUND, Candidates, Obstacles, join_members, no_members, sites_of
 from knotfab.knots import Knot, Knots
 from knotfab.render.silhouette import cast, frame_of
@@ -46,6 +49,7 @@ pytestmark = pytest.mark.slow
 UP = np.array([0.0, 1.0, 0.0])
 ONE = knots(ring(50.0, n=240, wave=15.0))
 # a lopsided second knot moves the centre of mass aside
+HIGH, LIMP = knots(ring(50.0, n=400, wave=30.0)), replace(PLA, max_sag_mm=5.0)
 TWO = knots(*(k.points for k in ONE.knots), ring(12.0, 5.0, 80, 4.0) + [20.0, 0.0, 0.0])
 
 
@@ -330,6 +334,78 @@ def test_a_piece_that_no_struts_make_stiff_is_planned_a_few_times_and_told(
         [c for c, b in zip(changes, begun, strict=True) if (b > 0) == k] for k in (0, 1)
     )
     assert max(again, default=0) < max(first)
+
+
+def bed(strands: Knots, free_mm: float = 0.0) -> Bed:
+    """A bed for strands, at each place of which so much stands free below."""
+    places = strands.points
+    return Bed(np.eye(3)[2], 2300.0, RADIUS, (), places, np.full(len(places), free_mm))
+
+
+@cache
+def standing() -> HangMount:
+    return plan_hang(HIGH, [camera()], [EMPTY], 0.4, LIMP, 0.8, bed=bed(HIGH))
+
+
+def test_what_prints_without_supports_hangs_by_rings_on_posts_that_rise() -> None:
+    mount = standing()
+    rise = (mount.members.end - mount.members.start)[:, 2] / mount.members.length_mm
+    assert np.abs(rise).min() >= np.sin(np.radians(45.0))  # from the bed
+    assert len(mount.posts) and rise[mount.members.second == GROUND].min() > 0
+    weighed = sum(np.array(m.volume) @ m.center for m in masses(mount))
+    middle = weighed / sum(m.volume.sum() for m in masses(mount))
+    for eye in mount.eyelets:
+        feet = mount.posts.end[
+            np.linalg.norm(mount.posts.end - eye.middle, axis=1) < 2 * eye.ring_mm
+        ]
+        assert len(feet) and np.allclose(feet, eye.middle - eye.ring_mm * np.eye(3)[2])
+        assert eye.middle[2] == pytest.approx(middle[2], abs=0.05)  # over the bed as the mass
+        assert abs(eye.through[2]) < 1e-9  # it stands, and its hole is a bridge of 3 mm
+
+
+def masses(mount: HangMount) -> list[Masses]:
+    return [masses_of(HIGH, mount.members), *(eye.masses for eye in mount.eyelets)]
+
+
+def test_a_ring_flat_on_the_bed_lets_the_piece_tip() -> None:
+    """That is why none is built there: the validators refuse it, and take rings on posts."""
+    mount = standing()
+    (body,) = hang_bodies([sweep(k.points, RADIUS, 24) for k in HIGH.knots], mount)
+    assert check_level(Mesh(*body), mount.threads, UP).status == "pass"
+    tube = as_manifold(sweep(HIGH.points, RADIUS, 24))
+    at = (
+        HIGH.points[HIGH.points[:, 2].argmin()] + 2.0 * UP
+    )  # on a foot; below the mass it tips over
+    flat = Eyelet(at + [0, 0, 0.5], np.eye(3)[2], 2.5, 1.0)
+    (fixture,) = hang_fixtures(replace(mount, members=no_members(), eyelets=(flat,)))
+    found = check_level(Mesh(*as_mesh(tube + fixture.solid())), flat.thread[None], UP)
+    assert found.status == "fail" and isinstance(found.measured, float) and found.measured > 20.0
+
+
+@pytest.mark.parametrize(
+    ("end", "radius", "ground", "free_mm", "stands"),
+    [
+        ((0.0, 0.0, 20.0), 1.5, True, 0.0, True),
+        ((0.0, 19.0, 20.0), 1.5, True, 0.0, True),
+        ((0.0, 21.0, 20.0), 1.5, True, 0.0, False),  # too flat
+        ((0.0, 0.0, -20.0), 1.5, True, 0.0, False),  # a post that hangs from its strand
+        ((0.0, 0.0, -20.0), 1.5, False, 0.0, True),  # a strut rises from its other end
+        ((0.0, 0.0, 20.0), 0.8, True, 0.0, False),  # it would sway while it prints
+        ((0.0, 0.0, 20.0), 1.5, True, 60.0, False),  # so would the leg with it
+        ((0.0, 0.0, 60.0), 1.5, False, 0.0, False),
+    ],
+)
+def test_members_rise_steeply_and_stand_firm(
+    end: tuple[float, ...], radius: float, ground: bool, free_mm: float, stands: bool
+) -> None:
+    member = one((0.0, 0.0, 0.0), end, radius, ground)
+    assert bed(HIGH, free_mm).carries(member).tolist() == [stands]
+
+
+def test_loose_pieces_that_no_rising_strut_joins_are_told() -> None:
+    flat = knots(ring(40.0, wave=0.5), ring(20.0, wave=0.5))
+    with pytest.raises(SceneError, match="no strut rises from one knot to the next"):
+        plan_hang(flat, [camera()], [EMPTY], 0.4, PLA, 0.8, bed=bed(flat))
 
 
 def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:

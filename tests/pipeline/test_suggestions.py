@@ -73,7 +73,6 @@ REFUSED: dict[str, Options] = {
     "heart.png --bend 3": {},
     "heart.png --mount wall --supports none": {},
     "heart.png --mount stand --supports none": {},
-    "heart.png --mount hang --supports none": {},
     "heart.png --plate pegs --supports none": {},
     "heart.png --depth flat --supports none": {},
     "heart.png --supports none --printer form-3": {},

@@ -103,6 +103,11 @@ class _Piece:
     def is_mounted(self) -> bool:
         return self.scene is not None and self.scene.mount.kind != "none"
 
+    @property
+    def has_cut_feet(self) -> bool:
+        """Whether an upright piece stands on its own feet, not in a plate."""
+        return not self.is_mounted or (self.scene is not None and self.scene.mount.kind == "hang")
+
     def leave_out(self, names: Collection[str]) -> list[Check]:
         """Skip a group of checks that nobody asked for; return nothing if any of them was."""
         asked = not set(names) <= set(self.skip)
@@ -170,7 +175,7 @@ class _Piece:
         asked = None if self.scene is None else self.scene.piece.tube_radius_mm
         mounted = self.is_mounted
         with time_stage(self.seconds, "tube"):
-            flat = self.is_upright and not mounted
+            flat = self.is_upright and self.has_cut_feet
             return check_tube(self.mesh, self.curves, mounted=mounted, asked_mm=asked, flat=flat)
 
     def check_mount(self) -> Check:
@@ -251,7 +256,7 @@ class _Piece:
             return [skip_check(name, why, required=mesh is not None) for name in ("cut", "bars")]
         own, parted = curves.scaled(1 / scene.material.shrinks_to), part_bars(mesh)
         cut = skip_check("cut", "its feet end in the mount")
-        if not self.is_mounted:
+        if self.has_cut_feet:
             cut = check_cut(mesh, own)
         assert own.radius_mm is not None
         lines = parted.strands, scene.printer.layer_height_mm
