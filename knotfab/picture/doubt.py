@@ -12,7 +12,7 @@ from PIL import Image
 from knotfab.base.arrays import Mask
 from knotfab.picture.ground import find_ends, is_of_one_colour
 from knotfab.picture.ink import find_ink, split_channels, take_border, takes_alpha
-from knotfab.picture.raster import shrink
+from knotfab.picture.raster import own_box, shrink
 from knotfab.picture.silhouette import (
     fill_holes,
     holes_of,
@@ -31,7 +31,6 @@ _LIKELY = 0.5  # score of another reading, as a share of that of the reading tak
 _PLAIN = 0.9  # share of a border that has one colour, from which it is the background
 _SHEET = 0.15  # share of the picture that a sheet covers at least
 _DRAWN = 0.01  # share of a sheet that a drawing on it covers at least
-_MARGIN = 8  # px about what is drawn on a sheet
 # levels, summed over the channels, by which paper is lighter than what is drawn on it
 _LIGHTER = 300
 _SQUARE = 0.9  # share of its hull, or of its rectangle if it is not so light, that a sheet covers
@@ -98,14 +97,9 @@ def _find_sheet(mask: Mask, rgb: NDArray[np.int64]) -> tuple[bool, Box | None]:
     like = sheet.sum() / (hull.area if lighter else hull.minimum_rotated_rectangle.area)
     if like < _SQUARE:
         return False, None
-    rows, columns = (np.flatnonzero(drawn.any(axis)).tolist() for axis in (1, 0))
-    left, top = columns[0] - _MARGIN, rows[0] - _MARGIN
-    right, bottom = columns[-1] + _MARGIN, rows[-1] + _MARGIN
-    if min(left, top) < 0 or right >= mask.shape[1] or bottom >= mask.shape[0]:
-        return True, None
-    if not all(sheet[y, x] for y in (top, bottom) for x in (left, right)):
-        return True, None  # a round sheet that its picture fills
-    return True, (left, top, right + 1 - left, bottom + 1 - top)
+    left, top, width, height = box = own_box(drawn)
+    corners = sheet[top : top + height : height - 1, left : left + width : width - 1]
+    return True, box if corners.all() else None  # none in a round sheet that its picture fills
 
 
 def _rate(mask: Mask) -> float:

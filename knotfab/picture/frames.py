@@ -82,9 +82,7 @@ def _read_frames(
         found = [read_target(s, reading, base=base, font=font) for s in sources]
     if any(note.endswith(SHEET_CUT) for t in found for note in t.notes):
         found = list(_read_frames(sources, reading.but(crop_px=None), base, font))
-        note = (
-            "all frames are cropped to one box about what is drawn (--crop none keeps the sheets)"
-        )
+        note = "all frames are cropped to one box (--crop none keeps the sheets)"
         return tuple(replace(t, notes=(*t.notes, note)) for t in found)
     first = found[0]
     for number, target in enumerate(found, start=1):

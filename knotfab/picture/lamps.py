@@ -176,7 +176,8 @@ def separate(
     seen = shown[labels]
     off = np.linalg.norm(lab - palette[labels], axis=-1)
     taken = np.bincount(labels.ravel(), minlength=len(palette)) / labels.size
-    shares = {_hidden_lamps(k, len(colours)): float(c) for k, c in enumerate(taken) if c > 0}
+    lamps = range(len(colours))  # those that a label hides
+    shares = {tuple(k for k in lamps if n >> k & 1): float(c) for n, c in enumerate(taken) if c > 0}
     return Separation(
         masks, seen, shares, float(off.mean()), _tell_lost(srgb, off, seen), encode_image(image)
     )
@@ -231,10 +232,6 @@ def on_one_canvas(targets: tuple[Target, ...]) -> tuple[Target, ...]:
         rule = f"{target.rule}; on a canvas of {mask.shape[1]} x {height} px that all share"
         found.append(replace(target, mask=mask, rule=rule, letters=None, change=None))
     return tuple(found)
-
-
-def _hidden_lamps(label_: int, count: int) -> tuple[int, ...]:
-    return tuple(k for k in range(count) if label_ >> k & 1)
 
 
 def _nearest_colour(lab: Array, palette: Array, kept: Labels) -> Labels:

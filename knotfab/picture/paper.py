@@ -178,13 +178,12 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     (drawn,) = ndimage.find_objects(mask.astype(np.int8))
     box = tuple(slice(max(one.start - _RULE, 0), one.stop + _RULE) for one in drawn)
     ink, near = mask[box], dark[box]
-    outline = ink & ~ndimage.binary_erosion(ink, border_value=1)
     across = ndimage.maximum_filter(near, _RULE) - ndimage.minimum_filter(near, _RULE)
     sharp = across > _SHARP * least
-    if sharp[outline].mean() < _EDGES:
-        return None
     holes, count = ndimage.label(~ink)
     rims = np.where(ndimage.binary_dilation(ink), holes, 0)
+    if not count or sharp[rims > 0].mean() < _EDGES:
+        return None
     share = ndimage.mean(sharp, rims, np.arange(1, count + 1))
     ink |= np.append(False, share < _HOLED)[holes]  # a pale spot of a wash, within the mask
     return mask, bool(punched)

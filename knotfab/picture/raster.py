@@ -109,12 +109,6 @@ _SUBFILE, _MOST_REDUCED = 254, 8  # TIFF's tag NewSubfileType, and the pages tha
 _MOST_SIDE = 1_000_000  # bytes of side data; Pillow unpacks no more of one
 
 
-def _formats() -> tuple[str, ...]:
-    """Return the formats of `_FORMATS` that this machine's Pillow reads."""
-    Image.init()
-    return tuple(kind for kind in _FORMATS if kind in Image.OPEN)
-
-
 def _check_size(
     what: str, width: int, height: int, smallest: int, largest: int = LARGEST_SIDE
 ) -> None:
@@ -135,30 +129,26 @@ def _check_size(
 def decode(
     data: bytes, what: str, *, smallest: int = SMALLEST_SIDE, largest: int = LARGEST_SIDE
 ) -> tuple[Image.Image, str]:
-    """Decode a pixel picture, turned upright by its EXIF tag.
-
-    Args:
-        data: the file's bytes.
-        what: how an error names the picture.
-        smallest, largest: pixels allowed on a side.
-
-    Returns:
-        The first frame, in its own mode, and Pillow's name of the format.
-
-    Raises:
-        InputError: unknown format, damaged data, or a size outside what is allowed (checked before any
-            pixel is decoded).
-    """
+    """Decode as `decode_shrunk` does, at full size; return the picture and its format."""
     return decode_shrunk(data, what, 0, smallest, largest)[:2]
 
 
 def decode_shrunk(
     data: bytes, what: str, longest: int, smallest: int = SMALLEST_SIDE, largest: int = LARGEST_SIDE
 ) -> tuple[Image.Image, str, tuple[int, int], int]:
-    """Decode as `decode` does, and shrink the longer side to about `longest` px (0: not) on the way.
+    """Decode a pixel picture, turned upright by its EXIF tag, its longer side shrunk to about `longest` px.
+
+    Args:
+        what: how an error names the picture.
+        longest: 0: full size. smallest, largest: px allowed on a side of the file's.
 
     Returns:
-        The picture, its kind, its width and height before, and how many px of those make one, across.
+        The first frame, in its own mode, Pillow's name of the format, width and height before, and how many
+        px of those make one, across.
+
+    Raises:
+        InputError: unknown format, damaged data, or a size outside what is allowed (checked before any
+            pixel is decoded).
     """
     with warnings.catch_warnings():
         # Pillow warns of large pictures and odd metadata; sizes are checked here instead.
@@ -211,7 +201,11 @@ def decode_shrunk(
 
 def _open(data: bytes) -> Image.Image:
     """Open a picture at its first page; a TIFF's pages that are marked as reduced are none."""
-    image = Image.open(io.BytesIO(_without_side_data(data)), formats=_formats())
+    Image.init()
+    formats = tuple(
+        kind for kind in _FORMATS if kind in Image.OPEN
+    )  # that this machine's Pillow reads
+    image = Image.open(io.BytesIO(_without_side_data(data)), formats=formats)
     if image.format == "TIFF":
         for number in range(min(getattr(image, "n_frames", 1), _MOST_REDUCED)):
             image.seek(number)

@@ -117,12 +117,10 @@ class Target:
         return self.letters is not None
 
     def cropped(self, box: Box) -> Target:
-        """Return what of it lies in a box of its mask; `letters` and bending stay as they are."""
+        """Return what of it lies in a box of its mask, before it is bent; `letters` stay as they are."""
         left, top, width, height = box
         part = np.s_[top : top + height, left : left + width]
-        change = self.change and self.change._replace(
-            asked=self.change.asked[part], judged=self.change.judged[part]
-        )
+        change = self.change and Change(self.change.asked[part], self.change.judged[part])
         rule = f"{self.rule}; {raster.tell_box(box, self.shrunk)}"
         return replace(self, mask=self.mask[part].copy(), change=change, rule=rule)
 
@@ -328,12 +326,7 @@ def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: in
     asked = reading = reading.but(ink="dark") if settled and reading.ink == "auto" else reading
     if kind not in raster.KEPT:
         image = raster.to_plain(image)
-    notes: tuple[str, ...] = ()
-    photographed = False
-    if reading.ink == "auto":
-        bare = bare_picture(image, whole=not isinstance(reading.crop_px, tuple))
-        if bare is not None:
-            image, notes, photographed = bare[0], (bare[1],), bare[2]
+    image, notes, on_paper = bare_picture(image, reading)
     try:
         reading, told = guess_reading(image, reading, what)
         notes = (*notes, *told)
@@ -357,7 +350,7 @@ def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: in
         raster.check_shape(mask, f"{what}, smoothed,")
         rule += f"; drawn smoothed by {reading.smooth_px:g} px"
     found = Target(name, mask, rule, notes=notes, shrunk=shrunk, settled=settled, change=change)
-    if not photographed or reading.crop_px is not True:
+    if not on_paper or reading.crop_px is not True:
         return found
     return replace(found.cropped(raster.own_box(mask)), notes=(notes[0] + SHEET_CUT, *notes[1:]))
 

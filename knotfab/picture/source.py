@@ -17,6 +17,7 @@ from knotfab.picture import raster
 from knotfab.picture.ground import plain_ground
 from knotfab.picture.paper import is_photograph, read_paper
 from knotfab_formats.errors import InputError, shown
+from knotfab_formats.views import Reading
 
 TEXT_PREFIX = "text:"
 DRAWN_SUFFIXES = (".svg", ".svgz")
@@ -61,15 +62,13 @@ def title_of(given: str) -> str:
     return given if given.isprintable() and len(given) <= _MOST_SIGNS else ""
 
 
-def bare_picture(image: Image.Image, whole: bool) -> tuple[Image.Image, str, bool] | None:
-    """Return what is drawn on paper, or a picture that is `whole` without its ground.
-
-    With it come a note, and whether it is a photograph.
-    """
-    photograph = is_photograph(image)
-    drawn = read_paper(image) if photograph else None
-    drawn = drawn or (plain_ground(image) if whole else None)
-    return drawn and (*drawn, photograph)
+def bare_picture(image: Image.Image, reading: Reading) -> tuple[Image.Image, tuple[str, ...], bool]:
+    """Return a picture without its ground, notes on that, and whether it is a photograph on paper."""
+    if reading.ink != "auto":
+        return image, (), False
+    photograph, boxed = is_photograph(image), isinstance(reading.crop_px, tuple)
+    drawn = (photograph and read_paper(image)) or (not boxed and plain_ground(image))
+    return (drawn[0], (drawn[1],), photograph) if drawn else (image, (), False)
 
 
 def read_bytes(
