@@ -240,15 +240,20 @@ def list_posts(
     return every if bed is None else every.take(bed.carries(every))
 
 
-def leave_no_gap(posts: Candidates, ring: Eyelet, clearance_mm: float) -> Mask:
-    """Return which posts part from the ring that they end on so fast that no gap prints closed, (n,)."""
+def meet_well(posts: Candidates, ring: Eyelet, clearance_mm: float) -> Mask:
+    """Return which posts leave the thread its place in the ring that they end on, (n,).
+
+    They also part from the ring so fast that no gap prints closed.
+    """
     at, half = ring.outline(_SIDES), np.arange(_SIDES // 2 + 1)
     joint = int(np.linalg.norm(at - posts.end[0], axis=1).argmin())
     i, j = np.divmod(np.arange(len(posts) * _SIDES), _SIDES)
     unit = (posts.end - posts.start) / posts.length_mm[:, None]
     off = off_segments(at[j], posts.start[i], unit[i], posts.length_mm[i])[1].reshape(-1, _SIDES)
     contact, step = posts.radius[:, None] + ring.wire_mm, np.linalg.norm(at[1:2] - at[:1], axis=1)
-    free = np.ones(len(posts), dtype=bool)
+    threads = np.tile(ring.thread - 0.5 * THREAD_MM * UP, (len(posts), 1))
+    beside = off_segments(threads, posts.start, unit, posts.length_mm)[1]
+    free = np.asarray(beside >= posts.radius + 0.5 * THREAD_MM)
     for way in (1, -1):
         walk = off[:, (joint + way * half) % _SIDES]
         here, there = walk[:, :-1], walk[:, 1:]

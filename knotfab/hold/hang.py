@@ -36,8 +36,8 @@ from knotfab.hold.eyelet import (
     draw_thread,
     has_room,
     keep_free,
-    leave_no_gap,
     list_posts,
+    meet_well,
     no_place,
     ring_bars,
 )
@@ -339,7 +339,7 @@ class _Hanger:
                 [struts, *posts[:k], *posts[k + 1 :], *map(keep_free, rings[:k] + rings[k + 1 :])]
             )
             clear = apart.clear(join_members([posts[k], draw_thread(ring)])).all()
-            clear &= leave_no_gap(posts[k], ring, apart.clearance).all()
+            clear &= meet_well(posts[k], ring, apart.clearance).all()
             if not (clear and has_room(apart, ring)[0]):
                 return False
         return True
@@ -359,7 +359,7 @@ class _Hanger:
             others = [*first[:k], *first[k + 1 :], *map(keep_free, rings[:k] + rings[k + 1 :])]
             way.add(join_members([no_members(), *others]))
             pool = list_posts(sites, post, ring.ring_mm + ring.wire_mm + tube, self.bed)
-            free = way.clear(pool) & leave_no_gap(pool, ring, way.clearance)
+            free = way.clear(pool) & meet_well(pool, ring, way.clearance)
             pools.append(pool.take(free))
         pool = join_members(pools)
         owner = np.repeat(np.arange(len(rings)), [len(one) for one in pools])

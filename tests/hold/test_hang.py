@@ -17,7 +17,7 @@ from knotfab.base.errors import SceneError
 from knotfab.geometry.measures import segment_distance
 from knotfab.geometry.tube import as_manifold, as_mesh, sweep
 from knotfab.hold.beams import hold_by_threads, piece_frame, springs_of
-from knotfab.hold.eyelet import Bed, Eyelet, has_room, leave_no_gap
+from knotfab.hold.eyelet import Bed, Eyelet, has_room, meet_well
 from knotfab.hold.hang import (
     LEAST_SPAN_MM,
     MOST_POSTS,
@@ -421,23 +421,25 @@ def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:
 
 
 @pytest.mark.parametrize(
-    ("comes_from", "clear"),
+    ("comes_from", "ends_at", "clear"),
     {
-        "its middle's far side": ((0.0, -30.0, 0.0), True),
-        "beside it": ((0.0, -20.0, 20.0), True),
-        "through its hole": ((0.0, 30.0, 0.0), False),
-        "along it": ((30.0, -4.0, 0.0), True),
-        "over its face": ((0.0, 25.0, 8.0), False),
+        "its middle's far side": ((0.0, -30.0, 0.0), -2.5, True),
+        "beside it": ((0.0, -20.0, 20.0), -2.5, True),
+        "through its hole": ((0.0, 30.0, 0.0), -2.5, False),
+        "along it": ((30.0, -4.0, 0.0), -2.5, True),
+        "over its face": ((0.0, 25.0, 8.0), -2.5, False),
+        "to its top, from above": ((0.0, 20.0, 20.0), 2.5, True),
+        "to its top, past the thread": ((0.0, -6.0, 16.0), 2.5, False),
     }.values(),
 )
-def test_a_post_that_parts_slowly_from_its_ring_is_refused(
-    comes_from: tuple[float, ...], clear: bool
+def test_a_post_in_the_threads_place_or_that_parts_slowly_from_its_ring_is_refused(
+    comes_from: tuple[float, ...], ends_at: float, clear: bool
 ) -> None:
     ring = Eyelet(np.zeros(3), np.array([0.0, 0.0, 1.0]), 2.5, 1.0)
-    start, end = np.array([comes_from]), np.array([[0.0, -2.5, 0.0]])
+    start, end = np.array([comes_from]), np.array([[0.0, ends_at, 0.0]])
     ground = np.array([GROUND])
     post = Candidates(ground, ground, start, end, np.array([1.0]))
-    assert leave_no_gap(post, ring, 0.4).tolist() == [clear]
+    assert meet_well(post, ring, 0.4).tolist() == [clear]
 
 
 @pytest.mark.parametrize("sizes", [(2.0, 0.8), (3.5, 1.2)])
