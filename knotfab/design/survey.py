@@ -371,10 +371,11 @@ def find_refusal(
         if one.likeness is not None and not one.likeness.recognisable:
             return _refuse_unlike(one, one.likeness, scene)
         if one.pieces + one.holes > _MOST:
+            few = ", or its largest pieces alone (--keep-largest 20)"
             return SceneError(
                 PICTURE,
                 f"it has {one.pieces} pieces and {one.holes} holes, and more than {_MOST} are not tried",
-                "Use a simpler picture, or its largest pieces alone (--keep-largest 20)",
+                "Use a simpler picture" + (few if _refuse_small(one, scene) is None else ""),
             )
     seen, given = views[0], scene.piece.tube_radius_mm is not None
     if len(views) > 1 or sequence:

@@ -23,6 +23,7 @@ _CHROMA = 0.4  # the highest chroma of paper
 _PALE = 0.12  # up to this log darkness it is paper
 _ENCLOSED = 0.35  # what ink encloses is paper up to this share of the ink's log darkness
 _USUAL = 0.6  # the quantile of its darkness that ink usually has: strokes are paler at their edges
+_FIRM = 0.9  # the one that outlines are measured by: a photograph's blotches fade from their middle
 _FAINT = 0.16  # the least share of the light that ink takes
 _MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its soft or shaded edge
 # shares of the longer side: the sides of the smallest part and hole, and half the width of the thinnest part
@@ -162,7 +163,7 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     thick = half[few > _FAINT]
     if len(thick) < _LEAST * few.size:
         return None
-    least = max(0.75 * _FAINT, 0.5 * float(np.quantile(thick, _USUAL)))
+    least, firm = (max(0.75 * _FAINT, 0.5 * float(np.quantile(thick, q))) for q in (_USUAL, _FIRM))
     mask = dark > least
     labels, count = ndimage.label(mask)
     kept = np.zeros(count + 1, dtype=bool)
@@ -179,7 +180,7 @@ def _find_ink(rgb: Array, light: Array, sheet: Mask) -> tuple[Mask, bool] | None
     box = tuple(slice(max(one.start - _RULE, 0), one.stop + _RULE) for one in drawn)
     ink, near = mask[box], dark[box]
     across = ndimage.maximum_filter(near, _RULE) - ndimage.minimum_filter(near, _RULE)
-    sharp = across > _SHARP * least
+    sharp = across > _SHARP * firm
     holes, count = ndimage.label(~ink)
     rims = np.where(ndimage.binary_dilation(ink), holes, 0)
     if not count or sharp[rims > 0].mean() < _EDGES:

@@ -54,6 +54,7 @@ from knotfab.scene.load import dump_scene, load_scene
 from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.geometry.mesh import Mesh
 from knotfab_validators.shadows.view import view_geometry
+from paper.pictures import paper_pictures
 
 # rows that other tests cover, at a lower cost than a whole build
 ELSEWHERE = {
@@ -162,6 +163,7 @@ def test_rows_leave_out_what_a_report_lacks_and_settings_are_compared_with_the_f
 def test_every_picture_of_every_table_can_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
     known = set(build_table.pictures()) | set(small_pictures()) | set(COLOURED) | set(ON_PAPER)
+    known |= set(paper_pictures())
     assert all(draw_picture(name).width == WIDE for name in ON_PAPER)
     for one in TABLES.values():
         for name in one.names():

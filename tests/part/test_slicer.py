@@ -198,7 +198,7 @@ def test_a_folder_of_an_awkward_name(tmp_path: Path) -> None:
 
 
 def test_what_is_no_filament_is_not_sliced(tmp_path: Path) -> None:
-    found = _slice(tmp_path, "no such program", scene="[material]\nname = 'resin'")
+    found = _slice(tmp_path, "no such program", scene="[printer]\nname = 'form-3'")
     assert isinstance(found, NotSliced) and found.kind == "process"
 
 

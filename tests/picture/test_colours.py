@@ -77,6 +77,15 @@ def test_a_drawing_keeps_its_holes(drawn: str, light: str, tmp_path: Path) -> No
     assert (again.mask == drawn.mask).all() and not again.notes
 
 
+@pytest.mark.parametrize("blur_px", [3, 5, 8, 10, 14])
+@pytest.mark.parametrize("contrast", [30, 45, 70])
+def test_blotches_are_no_drawing_on_paper(blur_px: int, contrast: int) -> None:
+    grain = np.random.default_rng(1).normal(size=(300, 400, 3))
+    blurred = ndimage.gaussian_filter(grain, (blur_px, blur_px, 0))
+    levels = contrast * blurred / blurred.std() + 128
+    assert read_paper(Image.fromarray(levels.clip(0, 255).astype(np.uint8))) is None
+
+
 @pytest.mark.parametrize("smooth_px", [0.0, 3.0])
 def test_frames_drawn_on_paper_keep_one_box(tmp_path: Path, smooth_px: float) -> None:
     for k in range(3):

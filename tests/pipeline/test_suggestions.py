@@ -212,9 +212,9 @@ def _draw(folder: Path) -> None:
     comb[10:90, 10:90] = np.where(np.arange(80) % 4 < 2, 0, 255)
     Image.fromarray(comb).save(folder / "fine.png")
     dots = np.full((480, 480), 255, np.uint8)
-    for row in range(20):
-        for column in range(20):
-            dots[24 * row + 4 : 24 * row + 18, 24 * column + 4 : 24 * column + 18] = 0
+    for row in range(16):
+        for column in range(16):
+            dots[30 * row + 4 : 30 * row + 26, 30 * column + 4 : 30 * column + 26] = 0
     Image.fromarray(dots).save(folder / "many.png")
     dot = Image.new("L", (400, 400), 255)
     ImageDraw.Draw(dot).ellipse((40, 40, 360, 360), fill=0)

@@ -102,7 +102,7 @@ def standing_part(bars: int) -> Any:
     made = tuple(Bar(k * along, (k + 2.0) * along, 2.0) for k in range(bars))
     bodies = [(mesh.vertices, mesh.faces), *(bar.make_body() for bar in made)]
     mounted = SimpleNamespace(scene=scene("none"))
-    standing = Standing(0.8, 4, made, np.empty((0, 3)))
+    standing = Standing(0.8, made)
     return SimpleNamespace(bodies=bodies, mounted=mounted, standing=standing)
 
 
