@@ -88,7 +88,7 @@ def test_blotches_are_no_drawing_on_paper(blur_px: int, contrast: int) -> None:
     assert read_paper(Image.fromarray(levels.clip(0, 255).astype(np.uint8))) is None
 
 
-@pytest.mark.parametrize("smooth_px", some([3.0, 0.0], 1))
+@pytest.mark.parametrize("smooth_px", some([3.0, 0.0], 2))
 def test_frames_drawn_on_paper_keep_one_box(tmp_path: Path, smooth_px: float) -> None:
     for k in range(3):
         ink = np.hypot(X - 0.4 - 0.1 * k, Y - 0.5) < 0.12
