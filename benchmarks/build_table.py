@@ -274,12 +274,11 @@ def draw_picture(name: str) -> Image.Image:
         return COLOURED[name]()
     if "," in name:
         return next(drawn for named, drawn, _ in draw_photographs(name) if named == name)
-    drawn = pictures()
-    return (
-        drawn[name]
-        if name in drawn
-        else (small_pictures() | line_pictures([name]) | paper_pictures())[name]
-    )
+    if name in (drawn := pictures()):
+        return drawn[name]
+    return (paper_pictures() if name in PUBLISHED else small_pictures() | line_pictures([name]))[
+        name
+    ]
 
 
 def build_row(

@@ -25,12 +25,12 @@ from knotfab.hold.struts import (
     opens_slowly,
 )
 from knotfab.knots import Knots
+from knotfab_formats.slicer_ini import FLANK_DEG
 from knotfab_formats.upright import longest_free_leg_mm
 
 _HEIGHTS = 24  # heights of the eyelet that are tried
 _ABOVE = 0.15  # a share of the piece's height: the least from its centre of mass to the eyelet
 _AT_ONCE = 400  # posts that are looked at together, from those that show least on
-_RISE_DEG = 46.0  # of a member from the bed at least, as strands' flanks
 THREAD_MM = 1.0  # across the thread's way, with some room
 _FAR_MM = 1e4  # above every piece
 _SIDES = 48  # places along a ring at which it is told how far a post is
@@ -100,7 +100,7 @@ class Bed:
             (rise >= 0)[:, None] | (some.second == GROUND)[:, None], some.start, some.end
         )
         rise = np.where(some.second == GROUND, rise, np.abs(rise))
-        steep = rise >= np.sin(np.radians(_RISE_DEG)) * some.length_mm
+        steep = rise >= np.sin(np.radians(FLANK_DEG)) * some.length_mm
         # a cantilever's tip moves by its free length cubed over the fourth power of its radius
         below, own = self.free_mm[cKDTree(self.places).query(low)[1]], some.length_mm
         limp = ((below + own) ** 3 - own**3) / self.radius_mm**4 + own**3 / some.radius**4

@@ -68,9 +68,8 @@ SPANS = (0.7, 0.55, 0.4, 0.3)  # shares of the piece's width between two threads
 LEAST_SPAN_MM = 15.0  # threads that are nearer to each other hardly keep a piece from turning
 # loss of IoU by a turn of 1 degree, from which on two threads keep a piece from turning
 TURN_LOSS = 0.005
-_STANDING_SHARE = (
-    0.85  # of the tube's radius: a post's that stands alone while it prints, and its ring's
-)
+# share of the tube's radius that posts have which stand alone while they print, and their rings' wire
+_STANDING_SHARE = 0.85
 MOST_POSTS = 4  # posts from strands to an eyelet
 # between the ends of further posts that are weighed, and how many are
 _SPREAD_RADII, _WEIGHED = 6.0, 12

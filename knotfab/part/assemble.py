@@ -208,11 +208,10 @@ def stand(
     legs = find_legs([knot.points for knot in knots.knots])
     if given is None:
         given, _ = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden, thrifty=True)
-    down = np.array([0.0, 0.0, -cut])
-    bars = tuple(Bar(b.start + down, b.end + down, b.gap_mm) for b in given)
-    assert max((bar.gap_mm for bar in bars), default=0.0) < MOST_BRIDGE_MM
     shift = np.eye(4)
-    shift[:3, 3] = down
+    shift[2, 3] = -cut
+    bars = tuple(bar.moved(shift) for bar in given)
+    assert max((bar.gap_mm for bar in bars), default=0.0) < MOST_BRIDGE_MM
     cuts = [_cut_level(body, cut) if cut else body for body in bodies]
     laid = replace(
         pose,

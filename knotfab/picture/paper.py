@@ -30,8 +30,8 @@ _MARGIN = 0.012  # the share of the longer side that is cut off a sheet: its sof
 _PART, _HOLE, _THIN = 0.006, 0.008, 0.0022
 _PUNCHED = 0.13  # the share of the longer side within which holes are punched
 _LEAST, _MOST = 0.002, 0.5  # shares of the picture that ink covers
-# an outline is sharp where brightness changes by so many thresholds within a few px; the share that must be,
-# of all outlines and of a hole's
+# an outline is sharp where brightness changes by so many thresholds within a few px; how much of a drawing's
+# outlines must be, and how much of a hole's
 _SHARP, _EDGES, _HOLED = 1.2, 0.9, 0.5
 _BETWEEN = 0.3  # the most that is neither ink nor paper, as a share of the ink
 

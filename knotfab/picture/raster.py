@@ -202,9 +202,7 @@ def decode_shrunk(
 def _open(data: bytes) -> Image.Image:
     """Open a picture at its first page; a TIFF's pages that are marked as reduced are none."""
     Image.init()
-    formats = tuple(
-        kind for kind in _FORMATS if kind in Image.OPEN
-    )  # that this machine's Pillow reads
+    formats = [kind for kind in _FORMATS if kind in Image.OPEN]  # this machine's Pillow reads those
     image = Image.open(io.BytesIO(_without_side_data(data)), formats=formats)
     if image.format == "TIFF":
         for number in range(min(getattr(image, "n_frames", 1), _MOST_REDUCED)):

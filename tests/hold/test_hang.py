@@ -368,7 +368,7 @@ def masses(mount: HangMount) -> list[Masses]:
 
 
 def test_a_ring_flat_on_the_bed_lets_the_piece_tip() -> None:
-    """That is why none is built there: the validators refuse it, and take rings on posts."""
+    """So none is built there. The validators reject it, and pass rings on posts."""
     mount = standing()
     (body,) = hang_bodies([sweep(k.points, RADIUS, 24) for k in HIGH.knots], mount)
     assert check_level(Mesh(*body), mount.threads, UP).status == "pass"
