@@ -140,8 +140,14 @@ def plate_depth_mm(mount: Mount, view: ResolvedView, radius: float) -> float:
     """Return the depth of the centre lines of a tube whose valleys stand in the plate, mm.
 
     Raises:
-        SceneError: the wall is too near.
+        SceneError: the wall is too near, or the plate too thin to hold a foot.
     """
+    if mount.thickness_mm < _BACK_MM:
+        raise SceneError(
+            f"scene key mount.plate_thickness_mm = {mount.thickness_mm:g}",
+            f"a piece stands in its plate, of which {_BACK_MM:g} mm stay below its feet",
+            f"Use at least {_BACK_MM + 0.1:g}, or leave it out",
+        )
     face = view.wall_distance_mm - mount.before_wall_mm
     depth = 2.0 * (face + foot_sink_mm(mount, radius) - radius)
     if depth < 8.0 * radius:  # less than an arch over a neighbour

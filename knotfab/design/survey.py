@@ -128,7 +128,7 @@ class Survey:
     bounds: tuple[HullBound, ...] = ()  # the visual hull's, for several pictures
     told: tuple[str, ...] = ()  # what else is done to the pictures or the piece, a sentence each
     parted: Separation | None = None  # the masks of a coloured picture, which lamps mix again
-    start: Start | None = None  # where the search of one picture begins, if it was asked for
+    start: Start | None = None  # where the search begins, if it was asked for
 
 
 def survey(
@@ -162,7 +162,7 @@ def survey(
         try:
             question, choice = _choose_tube(scene, targets, placed)
             radius, template, small = choice.radius_mm, choice.template, choice.small
-            start = choice.start if len(targets) == 1 else None
+            start = choice.start
             if template is not None and template.passes and scene.piece.supports == "none":
                 refusal = refuse_doubled()
             # a plate for feet moves the wall to the piece, and so frames it larger

@@ -35,6 +35,7 @@ THREAD_MM = 1.0  # across the thread's way, with some room
 _FAR_MM = 1e4  # above every piece
 _SIDES = 48  # places along a ring at which it is told how far a post is
 UP = np.array([0.0, 1.0, 0.0])
+UNSUPPORTED = "Use --supports slicer, or leave out --mount"
 
 
 @dataclass(frozen=True)
@@ -213,7 +214,7 @@ def choose_post(
         carried = bed.carries(every)
         every, number = every.take(carried), number[carried]
     if not len(every):
-        raise no_place()
+        raise no_place(bed)
     shown = np.array([shadows.cost(ring_bars(one)).sum() for one in rings])
     cost = shadows.cost(every) + shown[number] + LENGTH_WEIGHT * every.length_mm
     order = np.argsort(cost, kind="stable")
@@ -222,7 +223,7 @@ def choose_post(
         if clear.any():
             best = int(order[begin + clear.argmax()])
             return centre_eyelet(every.take([best]), rings[number[best]], middle, bed)
-    raise no_place()
+    raise no_place(bed)
 
 
 def list_posts(
@@ -267,9 +268,9 @@ def keep_free(ring: Eyelet) -> Candidates:
     return join_members([bound_ring(ring), draw_thread(ring)])
 
 
-def no_place() -> SceneError:
+def no_place(bed: Bed | None = None) -> SceneError:
     return SceneError(
         "the hanger",
         "no eyelet has room straight above the centre of mass, with a post to a strand beside it",
-        "Use --mount stand or none, or a thinner tube (--tube-radius)",
+        "Use --mount stand, or --mount none" if bed is None else UNSUPPORTED,
     )

@@ -182,10 +182,11 @@ def _find_feet(below: list[Manifold], thickness_mm: float) -> list[_Foot]:
         for foot in own.decompose():
             x0, y0, z0, x1, y1, _ = foot.bounding_box()
             if -z0 > thickness_mm - LEAST_BACK_MM:
+                need = np.ceil(10 * (LEAST_BACK_MM - z0)) / 10
                 raise SceneError(
                     "the wall's plate",
                     f"the tube reaches {-z0:.2f} mm behind its face, and it is {thickness_mm:g} mm thick",
-                    "Use a thicker one (mount.plate_thickness_mm), or report this scene",
+                    f"Use mount.plate_thickness_mm = {need:g} (in scene.toml, with --scene)",
                 )
             middle = np.array([x0 + x1, y0 + y1]) / 2
             found.append(_Foot(number, middle, float(np.hypot(x1 - x0, y1 - y0)) / 2, foot.genus()))

@@ -28,6 +28,7 @@ from knotfab.hold.beams import (
     worst_of,
 )
 from knotfab.hold.eyelet import (
+    UNSUPPORTED,
     UP,
     Bed,
     Eyelet,
@@ -127,38 +128,8 @@ def plan_hang(
     Raises:
         SceneError: a knot cannot be reached, or no eyelet has a place.
     """
-    tube = knots.radius_mm
-    # what stands alone while it prints is thicker
-    share = VISIBLE_SHARES[0] if bed is None else _STANDING_SHARE
-    thin = max(share * tube, min(least_radius_mm, tube))
-    sites = sites_of(knots)
-    shadows = MountShadows(knots, cameras, targets, ends)
-    obstacles = Obstacles(knots, sites, clearance_mm)
-    near = near_struts(sites, tube)
-    unseen = shadows.hidden(near)
-    seen = least_shown(near.take(~unseen), shadows, BRIDGES, len(sites.knot))
-    pool = join_members([near.take(unseen), seen, list_bridges(sites, shadows, tube, thin)])
-    visible = np.arange(len(pool)) >= unseen.sum()
-    if bed is not None:
-        obstacles.add(bed.blocks)
-        carried = bed.carries(pool)
-        pool, visible = pool.take(carried), visible[carried]
-    longest = int(np.argmax(sites.perimeter))
-    try:
-        joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
-    except SceneError as error:
-        if bed is None:
-            raise
-        raise SceneError(
-            "a piece of several knots on threads, without supports",
-            "no strut rises from one knot to the next so steeply that it prints",
-            "Use --supports slicer, or leave out --mount",
-        ) from error
-    wire, across = max(thin, least_radius_mm), cameras[0].level_axes[0]
-    blank = Eyelet(np.zeros(3), across, 0.5 * HOLE_MM + wire, wire)
-    work = _Hanger(
-        knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank, bed
-    )
+    work = begin_hang(knots, cameras, targets, clearance_mm, stiffness, least_radius_mm, ends, bed)
+    across = cameras[0].level_axes[0]
     found = []
     fixed = len(cameras) == 1 or lost_by_turning(knots, cameras, targets) >= TURN_LOSS
     for offsets in work.list_pairs(across) if fixed else []:
@@ -184,6 +155,55 @@ def plan_hang(
         if not found:
             raise
     return min(found, key=lambda one: one.sag_mm)
+
+
+def begin_hang(
+    knots: Knots,
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+    clearance_mm: float,
+    stiffness: Stiffness,
+    least_radius_mm: float,
+    ends: bool = False,
+    bed: Bed | None = None,
+) -> _Hanger:
+    """Join the knots to one piece, as `plan_hang` begins; its arguments.
+
+    Raises:
+        SceneError: a knot cannot be reached.
+    """
+    tube = knots.radius_mm
+    # what stands alone while it prints is thicker
+    share = VISIBLE_SHARES[0] if bed is None else _STANDING_SHARE
+    thin = max(share * tube, min(least_radius_mm, tube))
+    sites = sites_of(knots)
+    shadows = MountShadows(knots, cameras, targets, ends)
+    obstacles = Obstacles(knots, sites, clearance_mm)
+    near = near_struts(sites, tube)
+    unseen = shadows.hidden(near)
+    seen = least_shown(near.take(~unseen), shadows, BRIDGES, len(sites.knot))
+    pool = join_members([near.take(unseen), seen, list_bridges(sites, shadows, tube, thin)])
+    visible = np.arange(len(pool)) >= unseen.sum()
+    if bed is not None:
+        obstacles.add(bed.blocks)
+        carried = bed.carries(pool)
+        pool, visible = pool.take(carried), visible[carried]
+    longest = int(np.argmax(sites.perimeter))
+    try:
+        joints, holds = join_knots(len(knots.knots), sites, pool, obstacles, shadows, root=longest)
+    except SceneError as error:
+        if bed is None:
+            raise
+        raise SceneError(
+            "a piece of several knots on threads, without supports",
+            "no strut rises from one knot to the next so steeply that it prints",
+            UNSUPPORTED,
+        ) from error
+    wire, across = max(thin, least_radius_mm), cameras[0].level_axes[0]
+    blank = Eyelet(np.zeros(3), across, 0.5 * HOLE_MM + wire, wire)
+    return _Hanger(
+        knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank, bed
+    )
 
 
 def lost_by_turning(knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask]) -> float:
@@ -241,6 +261,18 @@ class _Hanger:
             bars = join_members([*posts, *map(ring_bars, rings)])
             found.append((float(self.shadows.darken(bars).sum()), offsets))
         return [offsets for _, offsets in sorted(found, key=lambda one: one[0])]
+
+    def require_place(self) -> None:
+        """Refuse knots about which no eyelet has a place, neither alone nor as one of two.
+
+        Raises:
+            SceneError: none has.
+        """
+        try:
+            self.choose(self.middle, np.zeros((1, 3)))
+        except SceneError:
+            if not self.list_pairs(self.blank.through):
+                raise
 
     def choose(self, middle: Array, offsets: Array) -> tuple[list[Candidates], list[Eyelet]]:
         """Choose an eyelet and its first post for each offset (k, 3) from the centre of mass.
@@ -325,7 +357,7 @@ class _Hanger:
             # by a finer frame it may sag more than by the plan's
             firm = replace(firm, max_sag_mm=firm.max_sag_mm * min(1.0, planned.sag_mm / sag))
         if best is None:
-            raise no_place()
+            raise no_place(self.bed)
         return best
 
     def _is_clear(self, struts: Candidates, posts: list[Candidates], rings: list[Eyelet]) -> bool:

@@ -15,7 +15,7 @@ from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.eyelet import Bed
 from knotfab.hold.foot_plate import ears_mm, plan_foot_plate
-from knotfab.hold.hang import MOST_TILT_DEG, HangMount, hang_bodies, plan_hang
+from knotfab.hold.hang import MOST_TILT_DEG, HangMount, begin_hang, hang_bodies, plan_hang
 from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
 from knotfab.hold.stand import StandMount, StandSettings, plan_stand
 from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
@@ -70,14 +70,13 @@ def mount_piece(
     if asked.kind in ("stand", "hang") and len(targets) != len(cameras):
         raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
     if asked.kind == "stand":
-        settings = StandSettings(asked.base_thickness_mm, asked.min_tip_deg, least_mm)
+        settings = _stand_settings(scene)
         stand = plan_stand(knots, cameras, targets, clearance_mm, stiffness, settings, ends)
         count = tuple(int((stand.holds == k).sum()) for k in every)
         scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
         return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, stand)
     if asked.kind == "hang":
-        alone = scene.piece.supports == "none"
-        bed = _plan_bed(scene, knots, cameras[0], targets[0]) if alone else None
+        bed = _plan_bed(scene, knots, cameras[0], targets[0])
         hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends, bed)
         bodies, (first, *second) = hang_bodies(tubes, hang), map(tuple, hang.threads.tolist())
         count = tuple(int((hang.holds == k).sum()) for k in every)
@@ -102,8 +101,38 @@ def mount_piece(
     return Mounted(bodies, names, scene, cameras[0].wall_axes, mount)
 
 
-def _plan_bed(scene: SettledScene, knots: Knots, camera: Camera, target: Mask) -> Bed:
-    """Plan the bars of a piece that stands on the bed with the light's axis up, for eyelets to keep off."""
+def require_holder(
+    scene: ResolvedScene, knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask]
+) -> None:
+    """Refuse a stand or a hanger that has no place about these strands: those that a search begins with.
+
+    Raises:
+        SceneError: as `mount_piece`.
+    """
+    clearance_mm, ends, material = scene.piece.clearance_mm, scene.screen_ends, scene.material
+    stiffness = Stiffness(material.young_modulus_mpa, material.density_g_cm3, np.inf)
+    if scene.mount.kind == "stand":
+        how = clearance_mm, stiffness, _stand_settings(scene), ends
+        plan_stand(knots, cameras, targets, *how, thoroughly=False)
+    elif scene.mount.kind == "hang":
+        bed = _plan_bed(scene, knots, cameras[0], targets[0])
+        least_mm = scene.printer.min_tube_radius_mm
+        begun = begin_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends, bed)
+        begun.require_place()
+
+
+def _stand_settings(scene: ResolvedScene) -> StandSettings:
+    asked, least_mm = scene.mount, scene.printer.min_tube_radius_mm
+    return StandSettings(asked.base_thickness_mm, asked.min_tip_deg, least_mm)
+
+
+def _plan_bed(scene: ResolvedScene, knots: Knots, camera: Camera, target: Mask) -> Bed | None:
+    """Plan the bars of a piece that stands on the bed with the light's axis up, for eyelets to keep off.
+
+    None for a piece that prints with supports.
+    """
+    if scene.piece.supports != "none":
+        return None
     upright = np.eye(4)
     upright[:3, :3] = axes = view_axes(scene.views[0])
     legs = find_legs([knot.points @ axes.T for knot in knots.knots])

@@ -19,6 +19,10 @@ CHAMFER_MM = 0.6
 EDGE_MM = 2.0  # the least from a post's root to the edge of the base
 WALL_GAP_MM = 2.0  # between base and wall
 UNIT: Rectangle = (-1.0, 1.0, -1.0, 1.0)
+HUNG = "Use --mount hang, or --mount none"  # what needs no base
+# a wall farther away leaves a piece more depth, which takes this share of what it gives; and whole 5 mm
+DEEPER, STEP_MM = 0.5, 5.0
+FARTHEST = 3.0  # times its distance, within which a farther wall is advised
 ROUNDS = 40  # rounds of the search for a size, each of which nearly halves the range
 
 
@@ -95,7 +99,7 @@ def _slope_of(camera: Camera) -> Slope:
         raise SceneError(
             "the stand",
             "a view looks down so steeply that a base below the piece would stand in its picture",
-            "Use --mount none, or a smaller elevation_deg",
+            f"{HUNG}, or a smaller elevation_deg",
         )
     rise = float(light[1] - edge[1]) / before
     return Slope(axes, float(edge[1] - rise * edge[2]), rise)
@@ -157,12 +161,14 @@ def base_for(
     cameras: Sequence[Camera],
     thickness_mm: float,
     tip_deg: float,
+    play: float = 0.0,
 ) -> Base:
     """Find the smallest base that holds all feet and does not tip before `tip_deg`.
 
     Args:
         feet: (n, 3) where posts meet the top. root_mm: their radius there.
         weights: everything that stands on the base. thickness_mm: of the base at its back.
+        play: share of its sides by which it may come nearer to a wall.
 
     Raises:
         SceneError: a wall is in the way of a base that large, or it would stand in a picture.
@@ -192,18 +198,17 @@ def base_for(
     corners = found.corners
     room = min(float((corners @ c.receiver[:3] + c.receiver[3]).min()) for c in cameras)
     size = f"a base that holds the piece is {right - left:.0f} x {front - back:.0f} mm large"
+    room += play * (right - left + front - back)
     if room < WALL_GAP_MM or found.tip_deg < tip_deg - 0.01:
+        wall = max(float(c.receiver[3]) for c in cameras)
+        far = STEP_MM * np.ceil((wall + (1 + DEEPER) * (WALL_GAP_MM - room)) / STEP_MM + DEEPER)
         raise SceneError(
             "the stand",
             f"{size}, and comes to within {room:.1f} mm of the wall",
-            "Use a larger wall distance, less depth, or another --mount",
+            f"Use --wall-distance {far:g}" if wall < far < FARTHEST * wall else HUNG,
         )
     if max(float(_slope_of(c).above(corners).max()) for c in cameras) > 1e-6:
-        raise SceneError(
-            "the stand",
-            f"{size}, and would stand in a picture",
-            "Use larger frames, less depth, or another --mount",
-        )
+        raise SceneError("the stand", f"{size}, and would stand in a picture", HUNG)
     return found
 
 

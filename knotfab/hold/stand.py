@@ -18,6 +18,7 @@ from knotfab.hold.plinth import (
     CHAMFER_MM,
     CORNER_MM,
     EDGE_MM,
+    HUNG,
     WALL_GAP_MM,
     Base,
     Masses,
@@ -52,6 +53,7 @@ STRETCHES = 50  # stretches of about equal length along the tubes
 BRIDGES = 200  # visible struts between two knots, likewise
 FINE_RADII = 0.5  # between the joints of the frame that is the second opinion
 COARSE = 24  # samples of a member whose cost is first guessed
+START_PLAY = 0.005  # of a base about the strands that a search begins with: they move by as much
 LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the shortest is taken
 
 
@@ -80,6 +82,8 @@ def plan_stand(
     stiffness: Stiffness,
     settings: StandSettings,
     ends: bool = False,
+    *,
+    thoroughly: bool = True,
 ) -> StandMount:
     """Choose posts, struts and a base for knots in scene coordinates (gravity: -y).
 
@@ -92,6 +96,8 @@ def plan_stand(
         cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole
             frame.
         ends: whether screens end at their frames, beside which no shadow is seen.
+        thoroughly: whether to keep it from sagging, and the base off the wall to the last millimetre. If not,
+            the knots are those that a search begins with, and what matters is whether there is room.
 
     Raises:
         SceneError: a knot cannot be reached, a wall is too near for the base, or a light looks down too
@@ -122,9 +128,10 @@ def plan_stand(
     more = _add_posts(chosen, pool, obstacles, shadows, APART_RADII * tube)
     holds = np.concatenate([holds, sites.knot[more.first]])
     chosen = join_members([chosen, more])
-    visible = np.arange(len(pool)) >= len(hidden)
-    braced = plan_members(knots, sites, obstacles, shadows, pool, visible, chosen, stiffness)
-    members = braced.members
+    members = chosen
+    if thoroughly:
+        how = pool, np.arange(len(pool)) >= len(hidden), chosen, stiffness
+        members = plan_members(knots, sites, obstacles, shadows, *how).members
     post = members.second == GROUND
     base = base_for(
         slope,
@@ -134,14 +141,16 @@ def plan_stand(
         cameras,
         settings.base_thickness_mm,
         settings.tip_deg,
+        0.0 if thoroughly else START_PLAY,
     )
     moves = sag_moves(knots, sites, members, stiffness, step_radii=FINE_RADII)
+    sag, at = worst_of(moves, knots.points)
     return StandMount(
         members=members,
         holds=np.concatenate([holds, sites.knot[members.first[len(chosen) :]]]),
         base=base,
-        sag_mm=worst_of(moves, knots.points)[0],
-        sag_at=braced.sag_at,
+        sag_mm=sag,
+        sag_at=at,
         predicted_intrusion=shadows.darken(members),
         moves=moves,
     )
@@ -262,14 +271,15 @@ def join_knots(
                 break
         else:
             lost = int(np.flatnonzero(~held[:-1])[0])
-            what, member = (
-                ("stand", "neither a post nor a strut") if root is None else ("hanger", "no strut")
+            what, member, other = (
+                ("stand", "neither a post nor a strut", HUNG)
+                if root is None
+                else ("hanger", "no strut", "Use --mount none")
             )
-            raise SceneError(
-                f"the {what}",
-                f"{member} reaches knot {lost} past the other strands",
-                "Use --mount none, a thinner tube, or fewer knots",
-            )
+            # where some knot is held, a bridge from it holds the others
+            fewer = ", or --knots 1" if held[:-1].any() else ""
+            why = f"{member} reaches knot {lost} past the other strands"
+            raise SceneError(f"the {what}", why, other + fewer)
         one = candidates.take([number])
         obstacles.add(one)
         shadows.add(one)

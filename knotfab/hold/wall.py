@@ -126,7 +126,7 @@ def plan_wall(
             it sags too much.
     """
     best: WallMount | None = None
-    remedy = "Use --mount none, a thinner tube, or fewer knots"
+    remedy = "Use --mount none" + (", or --knots 1" if len(knots.knots) > 1 else "")
     if settings.foot != "plate":
         remedy += ', or a plate (mount.foot = "plate"), on which knots may hang from each other'
     for share in PEG_SHARES if thoroughly else PEG_SHARES[:1]:

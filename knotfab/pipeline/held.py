@@ -9,15 +9,18 @@ from typing import Literal
 import numpy as np
 
 from knotfab.base.arrays import Array
+from knotfab.base.errors import SceneError
 from knotfab.design.candidates import hours_of_plate, hours_of_tube, price_of
 from knotfab.design.design import Design
+from knotfab.design.survey import Survey
 from knotfab.geometry.overhang import Estimate, Strands, estimate
 from knotfab.hold.hang import HOLE_MM
-from knotfab.hold.mount import BASE_DOWN, choose_foot
+from knotfab.hold.mount import BASE_DOWN, choose_foot, require_holder
+from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import rules_of
 from knotfab.part.orient import estimate_print_minutes, propose_turns, rank_turns, strands_of
 from knotfab.picture.read import Target
-from knotfab.scene.camera import Camera, camera_of
+from knotfab.scene.camera import Camera, camera_of, cameras_of
 from knotfab_formats.scene import ResolvedScene
 
 Kind = Literal["wall", "stand", "hang"]
@@ -44,6 +47,21 @@ class Guess:
     def __str__(self) -> str:
         hours = "" if np.isnan(self.hours) else f" and {max(self.hours, 0.0):.1f} h"
         return f"{WORDS[self.kind]} (some {max(self.grams, 0.0):.0f} g{hours} with its supports)"
+
+
+def refuse_holder(found: Survey) -> SceneError | None:
+    """Return the error of a piece whose stand or hanger finds no place about its start, else None."""
+    if found.start is None:
+        return None
+    framed = tuple(seen.view for seen in found.views)
+    cameras = cameras_of(framed, [seen.target for seen in found.views])
+    knots = Knots(tuple(Knot(curve) for curve in found.start.curves), found.radius_mm)
+    try:
+        masks = [seen.target.mask for seen in found.views]
+        require_holder(found.scene.but(views=framed), knots, cameras, masks)
+    except SceneError as error:
+        return error
+    return None
 
 
 def can_hold(scene: ResolvedScene) -> list[Kind]:

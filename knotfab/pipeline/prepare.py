@@ -297,7 +297,14 @@ def _survey(call: Call, sequence: bool, printing: bool, placed: bool = False) ->
 
     scene = call.scene.but(piece=call.scene.piece.but(printed=printing))
     lost = len(call.targets) == 1 and _is_scattered(call.targets[0], scene)
-    found = survey(scene, call.targets, sequence, call.budget_s is None and not lost, placed)
+    held = scene.mount.kind in ("stand", "hang") and not scene.settings.free_view
+    choose = call.budget_s is None and not lost
+    found = survey(scene, call.targets, sequence, choose, placed or held)
+    if held and found.refusal is None:
+        # imported only now, as in prepare_build
+        from knotfab.pipeline.held import refuse_holder
+
+        found = replace(found, refusal=refuse_holder(found))
     error = found.refusal
     if lost:
         parts = f"it has {found.views[0].pieces} pieces, and another reading draws others"

@@ -11,13 +11,15 @@ from questions import ask_heart, ask_views
 from shapely import MultiPolygon, box
 
 from knotfab.base.arrays import Mask
+from knotfab.base.errors import SceneError
 from knotfab.design.frames import frame_view, framed_alike, size_frames, spread_views, widen_targets
 from knotfab.design.question import _require_lamps
+from knotfab.design.room import plate_depth_mm
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import drop_specks
 from knotfab.scene.catalogue import asked_for, resolve
 from knotfab_formats.errors import InputError
-from knotfab_formats.piece import Material, Printer
+from knotfab_formats.piece import Material, Mount, Printer
 from knotfab_formats.scene import Scene
 
 
@@ -163,3 +165,12 @@ def test_what_reaches_far_beyond_anothers_lamp_is_refused(turned: float, beyond:
     _require_lamps(near)
     with pytest.raises(InputError, match="--lamp-distance") if beyond else nullcontext():
         _require_lamps(views)
+
+
+def test_a_plate_too_thin_for_feet_is_refused_with_a_thickness_that_holds_them() -> None:
+    view = frame_view(resolve(Scene()).views[0], TARGETS[0])
+    thin = Mount(plate="rounded", plate_thickness_mm=0.4)
+    with pytest.raises(SceneError, match=r"below its feet") as refused:
+        plate_depth_mm(thin, view, 2.0)
+    least = float(re.findall(r"at least ([\d.]+)", refused.value.remedy)[0])
+    assert plate_depth_mm(thin.but(plate_thickness_mm=least), view, 2.0) > 8 * 2.0

@@ -145,8 +145,9 @@ def test_members_touch_nothing_but_their_ends() -> None:
 
 def test_a_wall_too_near_is_named() -> None:
     """All feet must stand before the wall."""
-    with pytest.raises(SceneError, match=r"reaches knot 0|of the wall"):
+    with pytest.raises(SceneError, match=r"reaches knot 0|of the wall") as refused:
         plan_stand(ONE, [camera(wall_distance_mm=8.0)], [EMPTY], 0.4, PLA, ASKED)
+    assert "--knots" not in refused.value.remedy  # it is one
 
 
 def test_a_knot_that_nothing_reaches_is_named() -> None:

@@ -108,6 +108,12 @@ REFUSED: dict[str, Options] = {
     "dot.png --size 6": {},
     "dot.png --size 20 --tube-radius 4": {},
     "leap/ --sequence": {},
+    "heart.png --mount stand --wall-distance 20": {},
+    "heart.png --mount stand --scene at-60.toml": {},
+    "heart.png --mount stand --scene at-80.toml": {},
+    "heart.png --mount stand --scene at-90.toml": {},
+    "heart.png --mount hang --wall-distance 20 --supports none": {},
+    "text:Hi --mount hang --supports none": {},
 }
 # and what is refused once a build has begun, before or between its searches
 REFUSED_LATE: dict[str, Options] = {
@@ -223,6 +229,8 @@ def _draw(folder: Path) -> None:
     flag[:, :100] = 20, 40, 200
     Image.fromarray(flag).save(folder / "flag.png")
     (folder / "kept.json").write_text(pieces.knots(pieces.ring(40.0)).dump_start())
+    for up in (60, 80, 90):
+        (folder / f"at-{up}.toml").write_text(f"schema = 1\n[[views]]\nelevation_deg = {up}\n")
     (folder / "leap").mkdir()
     for number, up in enumerate((-230, 230), start=1):
         frame = Image.new("L", (450, 350), 255)
