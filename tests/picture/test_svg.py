@@ -350,6 +350,56 @@ def test_svg_of_more_than_a_drawing_is_refused(tmp_path: Path, text: str, words:
     assert "\n" not in str(caught.value)
 
 
+def _save_plain(text: str, remedy: str) -> str:
+    return page(SQUARE)
+
+
+# what a person does who is told so: to the file's text, by the words of the refusal
+DONE = {
+    "stands alone": lambda text, _: re.sub(r"<\?xml-s.*?\?>|<image[^>]*>|@import[^;]*;", "", text),
+    "attributes in place of styles": lambda text, _: re.sub("<style>.*</style>", "", text),
+    "of its own": lambda text, remedy: text.replace(
+        "</svg>", re.findall("<use .*?>", remedy)[0] + "</svg>"
+    ),
+    "Set the size": lambda text, _: text.replace(' width="0"', ' width="9"'),
+    "Resize the page": lambda text, _: text.replace("0 0 100 100", "100 100 100 100"),
+    "Ungroup": lambda text, _: re.sub("</?g>|<image[^>]*>", "", text),
+    "without a document type": lambda text, _: re.sub(r"<!DOCTYPE.*?\]>", "", text).replace(
+        "&i;", ""
+    ),
+    "as UTF-8": lambda text, _: text.replace("klingon", "utf-8"),
+    "show the fault": lambda text, _: text.replace("a='2'", ""),
+    "check its size": _save_plain,
+    "as SVG": lambda text, _: text.replace("html", f"svg {NS} viewBox='0 0 9 9'", 1).replace(
+        "/html", "/svg"
+    ),
+}
+MENDED = (
+    page('<image href="http://example.org/a.png"/>' + SQUARE),
+    page("<style>@import 'a.css';</style>" + SQUARE),
+    f'<?xml-stylesheet href="http://x/a.css"?>{page(SQUARE)}',
+    page(REFUSED["many steps"][0] + SQUARE),
+    page(f'<symbol id="one">{SQUARE}</symbol>'),
+    page(SQUARE, 'width="0" height="9"'),
+    page(SQUARE.replace("M20 20H80V80H20Z", "M120 120H180V180H120Z")),
+    page("<g>" * 101 + SQUARE + "</g>" * 101),
+    BOMB + "]>" + page(SQUARE + "<text>&i;</text>"),
+    f'<?xml version="1.0" encoding="klingon"?>{page(SQUARE)}',
+    page(SQUARE.replace("<path", "<path a='1' a='2'")),
+    page(MULTIPLIED),
+    f"<html>{SQUARE.replace('80', '8').replace('20', '2')}</html>",
+)
+
+
+@pytest.mark.parametrize("text", MENDED, ids=lambda text: text[-60:])
+def test_what_a_refusal_suggests_makes_a_picture(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError) as refused:
+        read(tmp_path, text)
+    remedy = refused.value.remedy
+    (mend,) = (done for words, done in DONE.items() if words in remedy)
+    assert read(tmp_path, mend(text, remedy)).mask.mean() > 0.1
+
+
 def test_drawings_in_drawings_end(tmp_path: Path) -> None:
     text = page(SQUARE)
     for _ in range(5):

@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Iterator
 from http.cookiejar import CookieJar
+from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,6 +32,7 @@ from starlette.requests import Request
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from knotfab.apps import commands
 from knotfab.apps.studio import broadcast, pictures, run, session
 from knotfab.apps.studio.pictures import LARGEST_BYTES
 from knotfab.apps.studio.run import CALLS, make_app
@@ -476,3 +478,13 @@ def test_ctrl_c_ends_a_studio_and_its_build(
             assert not any(Path(f"/proc/{child}").exists() for child in children)
         finally:
             studio.kill()
+
+
+@pytest.mark.parametrize("asked", [None, 70_000, 2**40])
+def test_a_port_that_is_refused_is_left_out(asked: int | None) -> None:
+    usual = signature(commands.studio).parameters["port"].default
+    with run._bind(usual) as taken:
+        taken.listen()
+        with pytest.raises(InputError, match=r"--port .*Leave it out"):
+            run._bind(asked or taken.getsockname()[1])
+        run._bind(usual).close()

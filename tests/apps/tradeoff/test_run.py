@@ -15,6 +15,7 @@ from knotfab.apps.tradeoff import run
 from knotfab.apps.tradeoff.run import CHOSEN, KNOBS, Options, Way, front_of, list_ways, tell_worth
 from knotfab.base.errors import MachineError, SceneError
 from knotfab.base.progress import Progress
+from knotfab_formats.errors import InputError
 from knotfab_formats.search import PRESETS, SearchSettings
 
 QUIET, MIDDLE = Progress("quiet"), PRESETS["standard"]
@@ -145,3 +146,12 @@ def test_wrong_calls_are_refused(tmp_path: Path) -> None:
     ):
         done = knotfab(*words)
         assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done.err
+
+
+def test_a_refused_place_gives_way_to_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for taken in (tmp_path / "file", tmp_path / "file" / "within"):
+        with pytest.raises(InputError, match="Name a folder"):
+            run._make_writable(taken)
+    run._make_writable(tmp_path / "new" / "folder")
+    assert (tmp_path / "file").read_text() == ""
