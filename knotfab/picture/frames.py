@@ -12,7 +12,7 @@ import numpy as np
 from knotfab.base.disk import at_home
 from knotfab.base.limited import run_limited
 from knotfab.picture.raster import own_box
-from knotfab.picture.read import PLAIN, SHEET_CUT, Target, read_target
+from knotfab.picture.read import PLAIN, Target, read_uncut
 from knotfab.picture.source import PICTURE_SUFFIXES, is_picture, name_picture
 from knotfab_formats.errors import InputError, shown
 from knotfab_formats.views import Reading
@@ -67,23 +67,25 @@ def _read_frames(
     reading = reading.but(crop_px=False) if alike else reading
     sources = [str(s) for s in sources]
     what = sources[0] if len(sources) == 1 else "the sequence"
+    paths: Sequence[str | Path] = sources
     if len(sources) == 1:
-        path = at_home(sources[0])
-        path = path if base is None else base / path
+        path, base = at_home(sources[0]) if base is None else base / at_home(sources[0]), None
         if path.is_dir() or "*" in path.name:
-            files = sorted(_list_files(path, what), key=_by_number)
+            paths = [*sorted(_list_files(path, what), key=_by_number)]
         else:
-            files = [path]
-            read_target(path, reading)  # a file that is no picture is told as such
-        _count(what, len(files))
-        found = [read_target(p, reading) for p in files]
-    else:
-        _count(what, len(sources))
-        found = [read_target(s, reading, base=base, font=font) for s in sources]
-    if any(note.endswith(SHEET_CUT) for t in found for note in t.notes):
-        found = list(_read_frames(sources, reading.but(crop_px=None), base, font))
-        note = "all frames are cropped to one box (--crop none keeps the sheets)"
-        return tuple(replace(t, notes=(*t.notes, note)) for t in found)
+            paths = [path]
+            read_uncut(path, reading)  # a file that is no picture is told as such
+    _count(what, len(paths))
+    read = [read_uncut(p, reading, base, font) for p in paths]
+    found, told = [target for target, _ in read], list[str]()
+    if sheets := [target.mask.shape for target, sheet in read if sheet]:
+        alike, told = True, ["all frames are cropped to one box (--crop none keeps the sheets)"]
+        # a frame that is no sheet, and whose own border is left out, is read with it
+        whole = reading.but(crop_px=False)
+        found = [
+            t if t.mask.shape == sheets[0] else read_uncut(p, whole, base, font)[0]
+            for t, p in zip(found, paths, strict=True)
+        ]
     first = found[0]
     for number, target in enumerate(found, start=1):
         if (target.width, target.height) != (first.width, first.height):
@@ -94,8 +96,9 @@ def _read_frames(
                 "Give all frames one size",
             )
     box = own_box(np.logical_or.reduce([t.mask for t in found])) if alike else None
+    found = found if box is None else [t.cropped(box) for t in found]
     return tuple(
-        replace(t if box is None else t.cropped(box), name=frame_name(k), title="")
+        replace(t, name=frame_name(k), title="", notes=(*t.notes, *told))
         for k, t in enumerate(found, start=1)
     )
 

@@ -46,8 +46,6 @@ _MOST_TRIED, _MOST_TRIED_PX = 100, 4e8
 _MOST_NAMED = 12  # letters in one sentence
 # how far from a letter's box its parts may lie: in its longer sides, and at least in the masks' longer sides
 _BESIDE, _LEAST_BESIDE = 0.25, 0.01
-# the end of the note on a drawing on paper that is read without `--crop`
-SHEET_CUT = "; the sheet about it is cropped off (--crop none keeps it)"
 _CRUMB = 0.01  # share of the ink below which a part is no piece of its own
 
 
@@ -202,19 +200,35 @@ def read_target(
     Raises:
         InputError: the picture cannot be read, or holds no shape that can be drawn.
     """
-    return run_limited(
-        lambda: _read_target(source, reading, base, font, glance), shown(source), seconds=SECONDS
-    )
+
+    def read() -> Target:
+        found, sheet = read_uncut(source, reading, base, font, glance)
+        if not sheet:
+            return found
+        told = f"{sheet}; the sheet about it is cropped off (--crop none keeps it)"
+        notes = tuple(told if note == sheet else note for note in found.notes)
+        return replace(found.cropped(raster.own_box(found.mask)), notes=notes)
+
+    return run_limited(read, shown(source), seconds=SECONDS)
 
 
-def _read_target(
-    source: str | Path, reading: Reading, base: Path | None, font: str | None, glance: int
-) -> Target:
+def read_uncut(
+    source: str | Path,
+    reading: Reading = PLAIN,
+    base: Path | None = None,
+    font: str | None = None,
+    glance: int = 0,
+) -> tuple[Target, str]:
+    """Read a picture as `read_target` does, here, and crop no sheet off.
+
+    Returns:
+        The picture, and the note on the sheet that is to be cropped off; "" where there is none.
+    """
     what, name = shown(source), name_picture(str(source))
     if isinstance(source, str) and source.startswith(TEXT_PREFIX):
         content = source.removeprefix(TEXT_PREFIX)
         drawn, fonts = text.render_text(content, font)
-        target = _take_target(drawn, what, name, reading, glance)
+        target, _ = _take_target(drawn, what, name, reading, glance)
         begin, end = (np.flatnonzero(target.mask.any(axis=0))[[0, -1]] + 0.5) / target.width
         letters = tuple(
             Letter(k, sign, begin + left * (end - begin), 0.0, begin + right * (end - begin), 1.0)
@@ -222,12 +236,13 @@ def _read_target(
         )
         notes = text.tell_other_fonts(content, font) + target.notes
         rule, title = f"{target.rule} [in {', '.join(fonts)}]", title_of(content.strip())
-        return replace(target, letters=letters, title=title, rule=rule, notes=notes)
+        return replace(target, letters=letters, title=title, rule=rule, notes=notes), ""
     data, path = read_source(source, base)
     is_svg = _is_drawn(data, path)
     pixels, notes = render_svg(data, what) if is_svg else (data, ())
     try:
-        target = _take_target(pixels, what, plain_name(path.stem, "picture"), reading, glance)
+        name = plain_name(path.stem, "picture")
+        target, sheet = _take_target(pixels, what, name, reading, glance)
     except InputError as error:
         if not notes:
             raise
@@ -237,7 +252,8 @@ def _read_target(
     usual = DRAWN_SUFFIXES if is_svg else raster.suffixes_of(data)
     came = Given(data, suffix if suffix in usual else usual[0])
     given = _given_beside(path) if target.settled else came
-    return replace(target, notes=notes + target.notes, title=title_of(path.stem), given=given)
+    notes += target.notes
+    return replace(target, notes=notes, title=title_of(path.stem), given=given), sheet
 
 
 def _is_drawn(data: bytes, path: Path) -> bool:
@@ -317,8 +333,10 @@ def name_targets(targets: Sequence[Target], views: Sequence[View]) -> tuple[Targ
     )
 
 
-def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: int) -> Target:
-    """Take the silhouette of a pixel picture."""
+def _take_target(
+    data: bytes, what: str, name: str, reading: Reading, glance: int
+) -> tuple[Target, str]:
+    """Take the silhouette of a pixel picture; return it with the note on its sheet, as `read_uncut` does."""
     glance *= isinstance(reading.crop_px, bool)
     image, kind, size, shrunk = raster.decode_shrunk(data, what, glance)
     frames = raster.count_frames(data) if kind in MOVING else 1
@@ -350,9 +368,7 @@ def _take_target(data: bytes, what: str, name: str, reading: Reading, glance: in
         raster.check_shape(mask, f"{what}, smoothed,")
         rule += f"; drawn smoothed by {reading.smooth_px:g} px"
     found = Target(name, mask, rule, notes=notes, shrunk=shrunk, settled=settled, change=change)
-    if not on_paper or reading.crop_px is not True:
-        return found
-    return replace(found.cropped(raster.own_box(mask)), notes=(notes[0] + SHEET_CUT, *notes[1:]))
+    return found, notes[0] if on_paper and reading.crop_px is True else ""
 
 
 def _first_drawn(
@@ -363,7 +379,7 @@ def _first_drawn(
     glance: int,
     frames: int,
     size: tuple[int, int],
-) -> Target:
+) -> tuple[Target, str]:
     """Return an animation's first frame that holds a shape, if its very first one holds none."""
     refused = None
     most = min(_MOST_TRIED, max(2, int(_MOST_TRIED_PX / (size[0] * size[1]))))
@@ -371,12 +387,12 @@ def _first_drawn(
         if not np.ptp(np.reshape(frame.getextrema(), (-1, 2)), axis=1).any():
             continue  # of one colour
         try:
-            found = _take_target(encode_image(frame), what, name, reading, glance)
+            found, sheet = _take_target(encode_image(frame), what, name, reading, glance)
         except InputError as error:
             refused = refused or error
         else:
             rule = f"frame {number} of its {frames}, the first with a shape: {found.rule}"
-            return replace(found, rule=rule)
+            return replace(found, rule=rule), sheet
     tried = f"none of its first {most} frames" if frames > most else "none of its frames"
     raise refused or InputError(
         what, f"{tried} holds a shape", "Export the animation again, as GIF or PNG."

@@ -15,6 +15,7 @@ from tables import some
 
 from benchmarks.on_paper import draw_photographs
 from knotfab.base.arrays import Array, Mask
+from knotfab.picture import source
 from knotfab.picture.frames import read_frames
 from knotfab.picture.paper import read_paper
 from knotfab.picture.raster import encode_mask, own_box, silhouette_uri
@@ -89,12 +90,18 @@ def test_blotches_are_no_drawing_on_paper(blur_px: int, contrast: int) -> None:
 
 
 @pytest.mark.parametrize("smooth_px", some([3.0, 0.0], 2))
-def test_frames_drawn_on_paper_keep_one_box(tmp_path: Path, smooth_px: float) -> None:
+def test_frames_drawn_on_paper_keep_one_box(
+    tmp_path: Path, smooth_px: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And each is read once."""
+    read = list[Image.Image]()
+    monkeypatch.setattr(source, "read_paper", lambda image: read.append(image) or read_paper(image))
     for k in range(3):
         ink = np.hypot(X - 0.4 - 0.1 * k, Y - 0.5) < 0.12
         photograph(LIGHTS["falls off"] * np.where(ink, 0.12, 1.0)).save(tmp_path / f"{k}.png")
     asked = Reading(smooth_px=smooth_px)
     found = read_frames([str(tmp_path)], asked)
+    assert len(read) == len(found) == 3
     whole = read_frames([str(tmp_path)], asked.but(crop_px=False))
     left, top, width, height = own_box(np.logical_or.reduce([t.mask for t in whole]))
     part = np.s_[top : top + height, left : left + width]
