@@ -16,7 +16,7 @@ from PIL import Image
 from reports import report_with
 from validator_parts import circle, tube
 
-from benchmarks import build_table, seconds
+from benchmarks import build_table, on_paper, seconds
 from benchmarks.build_table import (
     COLUMNS,
     ON_PAPER,
@@ -103,12 +103,14 @@ def test_a_refusal_names_the_physical_reason(cell: Cell, tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
+PICTURES = cache(build_table.pictures)
+
 # Pictures by settings: sets of several that a seed draws, rows that are built once, ratios.
 
 
 @pytest.mark.slow
 def test_no_set_is_drawn_twice_and_all_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
+    monkeypatch.setattr(build_table, "pictures", PICTURES)
     drawn = draw_sets()
     assert {many: len(sets) for many, sets in drawn.items()} == {2: 12, 3: 8, 4: 2, 1: 5}
     for many, sets in drawn.items():
@@ -128,7 +130,7 @@ def test_a_set_is_built_once_and_by_eye_where_its_name_says_so(
         return Built(2, 1.0, 2.0, 3.0, None, "refused")
 
     monkeypatch.setattr(build_table, "build_apart", build)
-    monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
+    monkeypatch.setattr(build_table, "pictures", PICTURES)
     for _ in range(2):
         row, folder = build_row("heart+teapot@eye", "a b", ("--print",), tmp_path)
         assert row["said"] == "refused" and row["code"] == 2 and row["cpu_s"] == 2.0
@@ -161,9 +163,11 @@ def test_rows_leave_out_what_a_report_lacks_and_settings_are_compared_with_the_f
 
 @pytest.mark.slow
 def test_every_picture_of_every_table_can_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build_table, "pictures", cache(build_table.pictures))
+    monkeypatch.setattr(build_table, "pictures", PICTURES)
     known = set(build_table.pictures()) | set(small_pictures()) | set(COLOURED) | set(ON_PAPER)
     known |= set(paper_pictures())
+    # tests/picture/test_colours.py has some drawn
+    monkeypatch.setattr(on_paper, "_photograph", lambda *_: (Image.new("RGB", (WIDE, 9)), None))
     assert all(draw_picture(name).width == WIDE for name in ON_PAPER)
     for one in TABLES.values():
         for name in one.names():

@@ -81,8 +81,9 @@ class Held:
                 (folder / name).write_bytes(change(content))
         if self.files:
             return
+        body = body_of(self.bodies)
         for form in ("stl", "3mf"):
-            (folder / f"part.{form}").write_bytes(encode(body_of(self.bodies), form))
+            (folder / f"part.{form}").write_bytes(encode(body, form))
         if self.frame:
             (folder / "table-1.3mf").write_bytes(encode(body_of(self.frame), "3mf"))
 

@@ -32,8 +32,10 @@ from knotfab.picture.opening import opening_iou
 from knotfab.picture.raster import GLANCE
 from knotfab.picture.read import read_target
 from knotfab.picture.silhouette import trace_polygon
+from knotfab.pipeline import prepare
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.prepare import _is_scattered, prepare_build, survey_pictures
+from knotfab.pipeline.read_lamps import Call
 from knotfab.problem import Start
 from knotfab.report.pictures import draw_survey
 from knotfab.scene.catalogue import resolve
@@ -225,6 +227,7 @@ def test_the_command_writes_a_picture_and_says_the_same(
 ) -> None:
     path, out = lines(tmp_path / "a.png", width=6, body=True), tmp_path / "new" / "seen.png"
     words = ["preview", str(path), "--out", str(out), "--width", "240", "--json"]
+    words += ["--tube-radius", "4", "--accuracy", "sketch"]  # few legs to join
     assert app(words, exit_on_error=False, result_action="return_value") == 0
     said = json.loads(capsys.readouterr().out)
     assert said["picture"] == str(out) and not said["supports"]
@@ -277,7 +280,9 @@ def test_several_pictures_are_not_drawn_along_lines(tmp_path: Path) -> None:
         widen_targets(resolve(Scene(views=scene.views[:1])), (target, target), sequence=True)
 
 
-def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
+def test_a_glance_at_a_large_picture_says_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is read shrunk, and its px, those of specks and smoothing too, are those of the picture."""
     large = tmp_path / "large.png"
     image = Image.open(lines(tmp_path / "a.png", width=3, body=True)).convert("L")
@@ -292,12 +297,14 @@ def test_a_glance_at_a_large_picture_says_the_same(tmp_path: Path) -> None:
     assert "less than 40 px" in found[1].rule and "smoothed by 3 px" in found[1].rule
     corner = found[1].asked[: 160 // found[1].shrunk]
     assert corner.any() and not corner[:, : 100 // found[1].shrunk].any()
-    whole, glanced = (
-        list_figures(survey(resolve(Scene()), [t]))["views"][0]["lost"][0] for t in found
-    )
+    scene = resolve(Scene(piece=Piece(tube_radius_mm=2.0)))
+    whole, glanced = (list_figures(survey(scene, [t]))["views"][0]["lost"][0] for t in found)
     assert glanced["at_px"] == pytest.approx(whole["at_px"], abs=15)
-    built = prepare_build([str(large)], BuildOptions(out=tmp_path / "out"), "", Progress("quiet"))
-    assert len(built.targets[0].mask) == 3 * SIDE  # a build keeps all of its pixels
+    surveyed = list[Call]()
+    monkeypatch.setattr(prepare, "_survey_first", lambda call, *_: surveyed.append(call))
+    with pytest.raises(TypeError):  # where a build goes on from the survey
+        prepare_build([str(large)], BuildOptions(out=tmp_path / "out"), "", Progress("quiet"))
+    assert len(surveyed[0].targets[0].mask) == 3 * SIDE  # a build keeps all of its pixels
     for key in ("length_mm", "thickness_mm"):
         assert glanced[key] == pytest.approx(whole[key], abs=0.25)
     rows, columns = np.nonzero(found[1].asked)

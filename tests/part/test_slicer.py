@@ -310,8 +310,8 @@ def test_warnings_and_garbage_on_both_outputs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("slicing", ["sleep 600", "sleep 600 & wait", "trap '' TERM; sleep 600"])
 def test_a_program_that_does_not_end_is_stopped(tmp_path: Path, slicing: str) -> None:
     slicing = f"echo $$ > {tmp_path}/pid; {slicing}"
-    found = _slice(tmp_path, _fake(tmp_path / "bin", slicing), timeout_s=1.5)
-    assert isinstance(found, NotSliced) and found.kind == "stopped" and "1.5 s" in found.reason
+    found = _slice(tmp_path, _fake(tmp_path / "bin", slicing), timeout_s=0.5)
+    assert isinstance(found, NotSliced) and found.kind == "stopped" and "0.5 s" in found.reason
     _gone(int((tmp_path / "pid").read_text()))
 
 

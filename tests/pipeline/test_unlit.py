@@ -14,7 +14,7 @@ from knotfab.pipeline.unlit import _draw_roots, _draw_strands
 
 
 def told(picture: str, **options: Any) -> float | None:
-    return survey_pictures([picture], BuildOptions(**options)).guess.told
+    return survey_pictures([picture], BuildOptions(accuracy="sketch", **options)).guess.told
 
 
 @pytest.mark.slow
