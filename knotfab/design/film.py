@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.optimize import linear_sum_assignment
 from shapely import MultiPolygon, affinity
 
@@ -33,6 +33,7 @@ from knotfab.limits.terms import Felt, State, total_length
 from knotfab.picture.frames import count_knots
 from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
+from knotfab.picture.silhouette import signed_distance
 from knotfab.plan import Search, Steps
 from knotfab.problem import CertificateLog, Problem, SearchResult, Start
 from knotfab.scene.require import require_sequence
@@ -496,8 +497,7 @@ def displace(at: Array, old: MultiPolygon, new: MultiPolygon, margin: float) -> 
     for polygon in (moved, new):
         shapely.prepare(polygon)
         inside = shapely.contains_xy(polygon, *np.meshgrid(x, y))
-        signed = distance_transform_edt(inside) - distance_transform_edt(~inside)
-        images.append(np.tanh(gaussian_filter(signed, 0.7) / _CLIP))
+        images.append(np.tanh(gaussian_filter(signed_distance(inside), 0.7) / _CLIP))
     flow = registration.optical_flow_tvl1(*images, num_warp=10, num_iter=20)
     where = ((there - low) / pitch).T[::-1]
     found = [map_coordinates(pitch * part, where, order=1, mode="nearest") for part in flow[::-1]]

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import map_coordinates
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.compiled import compiled
 from knotfab.limits.region import tube_outside
 from knotfab.limits.terms import Limits
+from knotfab.picture.silhouette import signed_distance
 from knotfab.problem import TargetView
 from knotfab.render.image import grid_at
 
@@ -134,10 +135,9 @@ def sights_of(views: Sequence[TargetView], radius: float) -> tuple[list[Sight], 
         wanted, camera = grid_at(target.view, target.mask, cell, _MARGIN, more=8)
         given = (target.view, target.mask, cell, _MARGIN)
         allowed = grid_at(*given, more=8, beside=True)[0] if target.ends else wanted
-        depth = distance_transform_edt(allowed) - distance_transform_edt(~allowed)
         near = 1.0 / float(np.linalg.norm(camera.du))
         drawn = wanted if target.ends else None
-        found.append(Sight(depth - 0.5 * np.sign(depth), camera.projection, near, first, drawn))
+        found.append(Sight(signed_distance(allowed), camera.projection, near, first, drawn))
         cost = np.where(allowed, 0.0, -1.0)
         worth.append(np.where(wanted, 1.0, cost).ravel() / max(1, wanted.sum()))
         first += wanted.size
