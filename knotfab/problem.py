@@ -11,7 +11,7 @@ from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.effects.base import Decision, World
-from knotfab.geometry.legs import hide_behind
+from knotfab.geometry.legs import MOST_BAR_MM, Bar, Leg, find_legs, hide_behind, plan_bars
 from knotfab.knots import Knots
 from knotfab.limits.feasibility import Feasibility
 from knotfab.limits.terms import Guard, Limits
@@ -19,7 +19,6 @@ from knotfab.render.image import ViewImage, image_at
 from knotfab.scene.camera import camera_of, view_axes, walls_of
 from knotfab_formats.scene import ResolvedView, SettledRegion
 from knotfab_formats.search import Precision, Renderer
-from knotfab_formats.slicer_ini import stiffness_share
 from knotfab_formats.views import Switch
 
 Report = Callable[[float, float | None], None]  # (fraction done, IoU)
@@ -73,6 +72,22 @@ class TargetView:
         return view_axes(self.view)
 
 
+def brace(
+    knots: Knots, axes: Array, hidden: Callable[[Array], bool], world: World
+) -> tuple[list[Leg], list[Bar], Array]:
+    """Plan the bars of knots that are printed without supports, with the light's axis up.
+
+    Also return their legs and the places (k, 3) that lack a bar. All are in the view's axes (3, 3).
+
+    Args:
+        knots: in the scene. hidden: as for `plan_bars`.
+    """
+    legs = find_legs([knot.points @ axes.T for knot in knots.knots])
+    how = world.leg_modulus_mpa(knots.radius_mm), hidden
+    longest = MOST_BAR_MM * world.material.shrinks_to  # as it is printed
+    return legs, *plan_bars(legs, knots.radius_mm, *how, longest_mm=longest, thrifty=True)
+
+
 @dataclass(frozen=True)
 class Problem:
     """The pictures of one view or several, and the limits of the knots that draw them. Lengths in mm.
@@ -95,7 +110,6 @@ class Problem:
     overhang_deg: float | None = None
     # strands stand in arches on a floor behind the piece, and print with the light's axis up without supports
     arched: bool = False
-    young_modulus_mpa: float = 2300.0
     knot: str = "unknot"  # tied into the longest curve
     goals: tuple[float, ...] | None = None
     switches: Mapping[str, Switch] = field(default_factory=dict)  # by the effect's name
@@ -107,10 +121,6 @@ class Problem:
         # with one view the region ends before the wall
         walls = walls_of([v.view for v in self.views]) if len(self.views) > 1 else ()
         return Limits(radius, self.clearance, bend, self.length, self.region, walls)
-
-    def leg_modulus_mpa(self, radius: float) -> float:
-        """Return the modulus that a full leg of this radius would need to be as stiff as the printed one."""
-        return self.young_modulus_mpa * stiffness_share(self.world.printer, radius)
 
     @property
     def polygons(self) -> list[MultiPolygon]:

@@ -178,8 +178,7 @@ def plan_searches(
                 again.add_work(result)
                 start, result = parted, again
         for _ in range(_BRACINGS if pace is None else 0):
-            curves = [knot.points for knot in result.knots.knots]
-            braced = start_on_more_legs(problem, start, radius, curves)
+            braced = start_on_more_legs(problem, start, result.knots)
             if braced is None:
                 break
             what, why = (

@@ -164,7 +164,6 @@ def ask(
         apart_mm=apart,
         overhang_deg=None if arched else _overhang_deg(scene),
         arched=arched,
-        young_modulus_mpa=scene.material.young_modulus_mpa,
         knot=scene.piece.knot,
         # three pictures leave each other little room; two are drawn best with equal goals
         goals=goals_of([b.iou for b in bounds]) if len(views) > 2 and apart is None else None,

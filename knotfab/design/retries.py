@@ -14,9 +14,10 @@ import shapely
 
 from knotfab.base.arrays import Array, Indices, Mask
 from knotfab.base.errors import SceneError
-from knotfab.geometry.legs import Leg, find_legs, peaks_of, plan_bars
+from knotfab.geometry.legs import Leg, peaks_of
+from knotfab.knots import Knots
 from knotfab.plan import Search, Steps
-from knotfab.problem import Problem, SearchResult, Start, TargetView
+from knotfab.problem import Problem, SearchResult, Start, TargetView, brace
 from knotfab.search.upright import FLANK_DEG
 from knotfab.start.arches import LOWEST_ARCH_RADII
 from knotfab.start.filling import Template
@@ -290,9 +291,7 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
 
 
-def start_on_more_legs(
-    problem: Problem, start: Start, radius: float, found: Sequence[Array]
-) -> Start | None:
+def start_on_more_legs(problem: Problem, start: Start, found: Knots) -> Start | None:
     """Add an arch for each leg that has no neighbour to brace it, or is too flat; None where none is amiss.
 
     An arch with a leg of the first kind becomes two. A flat leg, whose strand is too long for its height,
@@ -300,14 +299,13 @@ def start_on_more_legs(
     from there: knots keep their types.
 
     Args:
-        found: the curves [(n, 3)] that a search made of the start's, whose legs are looked at.
+        found: what a search made of the start's curves, whose legs are looked at.
     """
     if not problem.arched:
         return None
     target = problem.views[0]
-    light = target.view.light_distance_mm
-    legs = find_legs([curve @ target.axes.T for curve in found])
-    _, lacking = plan_bars(legs, radius, problem.leg_modulus_mpa(radius), target.hides)
+    light, radius = target.view.light_distance_mm, found.radius_mm
+    legs, _, lacking = brace(found, target.axes, target.hides, problem.world)
     curves = [curve @ target.axes.T for curve in start.curves]
     plans = [lower(curve, light) for curve in curves]
     floor = min(float(curve[:, 2].min()) for curve in curves)

@@ -12,14 +12,15 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.scene.camera import camera_of
-from knotfab_formats.piece import Printer
+from knotfab_formats.piece import Material, Printer
 from knotfab_formats.scene import ResolvedScene, ResolvedView
+from knotfab_formats.slicer_ini import stiffness_share
 from knotfab_formats.views import Placing, Switch
 
 
 @dataclass(frozen=True)
 class World:
-    """What a scene says of how exactly people place the piece, and of the printer.
+    """What a scene says of how exactly people place the piece, and of printer and material.
 
     `turns`: whether a piece of one knot can turn against its wall, as one mounted on it cannot;
     `loose_turns`: whether a piece of several knots can.
@@ -27,6 +28,7 @@ class World:
 
     placing: Placing = field(default_factory=Placing)
     printer: Printer = field(default_factory=Printer)
+    material: Material = field(default_factory=Material)
     turns: bool = True
     loose_turns: bool = True
 
@@ -35,11 +37,15 @@ class World:
         """Return the world of a scene, taking its piece to be one knot."""
         found = scene.mount.turns
         turns, loose = (not scene.on_wall(n) if found is None else found for n in (1, 2))
-        return World(scene.placing, scene.printer, turns, loose)
+        return World(scene.placing, scene.printer, scene.material, turns, loose)
 
     def holding(self, knots: int) -> World:
         """Return the world for a piece of this many knots."""
         return replace(self, turns=self.turns and self.loose_turns) if knots > 1 else self
+
+    def leg_modulus_mpa(self, radius: float) -> float:
+        """Return the modulus that a full leg of this radius would need to be as stiff as the printed one."""
+        return self.material.young_modulus_mpa * stiffness_share(self.printer, radius)
 
 
 @dataclass(frozen=True)

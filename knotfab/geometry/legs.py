@@ -132,6 +132,7 @@ def plan_bars(
     young_modulus_mpa: float,
     hidden: Callable[[Array], bool] = lambda _: True,
     *,
+    longest_mm: float = MOST_BAR_MM,
     thrifty: bool = False,
 ) -> tuple[list[Bar], Array]:
     """Plan bars so that no leg stands free for too long; also return the places (k, 3) that lack a bar.
@@ -141,6 +142,7 @@ def plan_bars(
 
     Args:
         hidden: returns whether none of the points (n, 3) along both sides of a bar would show in a picture.
+        longest_mm: of a bar, between surfaces.
     """
     if not legs:
         return [], np.empty((0, 3))
@@ -177,7 +179,7 @@ def plan_bars(
     def find_bar(n: int, least: float) -> tuple[float, Bar, int] | None:
         """Find the bar from a point that spares the two legs most, and the point that it leads to."""
         here, best = points[n], None
-        near, away = _find_level(n, points, upwards, heights, own, along, radius, MOST_BAR_MM)
+        near, away = _find_level(n, points, upwards, heights, own, along, radius, longest_mm)
         for k in range(len(near)):
             if away[k] < 1.9 * radius:
                 continue
@@ -193,7 +195,7 @@ def plan_bars(
         """Lay a bar between two points; None where it would show, end badly or meet another strand."""
         there = points[other] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
         length = float(np.linalg.norm(there - here))
-        if length - 2 * radius > MOST_BAR_MM:
+        if length - 2 * radius > longest_mm:
             return None
         if np.abs(ways[[n, other]] @ (there - here)).max() > _ASLANT * length:
             return None
@@ -208,7 +210,7 @@ def plan_bars(
             return None
         start, end = line[first], line[last]
         found = Bar(start, end, float(np.linalg.norm(end - start)))
-        if not _LEAST_MM <= found.gap_mm <= MOST_BAR_MM:
+        if not _LEAST_MM <= found.gap_mm <= longest_mm:
             return None
         looked, side = line[::_EVERY], found.half_width()
         if not hidden(np.concatenate([looked + side, looked - side])):

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.geometry.legs import find_legs, hide_behind, plan_bars
+from knotfab.effects.base import World
+from knotfab.geometry.legs import hide_behind
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.eyelet import Bed
@@ -20,11 +21,11 @@ from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
 from knotfab.hold.stand import StandMount, StandSettings, plan_stand
 from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
 from knotfab.knots import Knots
+from knotfab.problem import brace
 from knotfab.scene.camera import Camera, camera_of, view_axes
 from knotfab.scene.require import require_mount
 from knotfab_formats.print_figures import MountFigures, PlateFigures, RootsFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
-from knotfab_formats.slicer_ini import stiffness_share
 from knotfab_formats.verdict import Check
 from knotfab_validators.check import at_most
 
@@ -76,7 +77,7 @@ def mount_piece(
         scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
         return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, stand)
     if asked.kind == "hang":
-        bed = _plan_bed(scene, knots, cameras[0], targets[0])
+        bed = plan_bed(scene, knots, cameras[0], targets[0])
         hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends, bed)
         bodies, (first, *second) = hang_bodies(tubes, hang), map(tuple, hang.threads.tolist())
         count = tuple(int((hang.holds == k).sum()) for k in every)
@@ -115,7 +116,7 @@ def require_holder(
         how = clearance_mm, stiffness, _stand_settings(scene), ends
         plan_stand(knots, cameras, targets, *how, thoroughly=False)
     elif scene.mount.kind == "hang":
-        bed = _plan_bed(scene, knots, cameras[0], targets[0])
+        bed = plan_bed(scene, knots, cameras[0], targets[0])
         least_mm = scene.printer.min_tube_radius_mm
         begun = begin_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends, bed)
         begun.require_place()
@@ -126,23 +127,22 @@ def _stand_settings(scene: ResolvedScene) -> StandSettings:
     return StandSettings(asked.base_thickness_mm, asked.min_tip_deg, least_mm)
 
 
-def _plan_bed(scene: ResolvedScene, knots: Knots, camera: Camera, target: Mask) -> Bed | None:
-    """Plan the bars of a piece that stands on the bed with the light's axis up, for eyelets to keep off.
+def plan_bed(scene: ResolvedScene, knots: Knots, camera: Camera, target: Mask) -> Bed | None:
+    """Plan the bed of a piece that stands with the light's axis up, and the bars that hold its legs there.
 
     None for a piece that prints with supports.
     """
     if scene.piece.supports != "none":
         return None
-    upright = np.eye(4)
+    upright, world = np.eye(4), World.from_scene(scene)
     upright[:3, :3] = axes = view_axes(scene.views[0])
-    legs = find_legs([knot.points @ axes.T for knot in knots.knots])
-    firm = scene.material.young_modulus_mpa * stiffness_share(scene.printer, knots.radius_mm)
     hidden = hide_behind(target, camera.projection @ upright.T)
-    bars, _ = plan_bars(legs, knots.radius_mm, firm, hidden, thrifty=True)
+    legs, bars, _ = brace(knots, axes, hidden, world)
     ties = np.array([end for bar in bars for end in (bar.start, bar.end)]).reshape(-1, 3)
     free = [leg.list_free(ties, 1.5 * knots.radius_mm) for leg in legs]
     places = np.concatenate([leg.points for leg in legs]) @ axes
     bars = [bar.moved(upright.T) for bar in bars]
+    firm = world.leg_modulus_mpa(knots.radius_mm)
     return Bed(axes[2], firm, knots.radius_mm, tuple(bars), places, np.concatenate(free))
 
 

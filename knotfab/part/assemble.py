@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,17 +14,18 @@ from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.design.settings import outline_mm
-from knotfab.geometry.legs import Bar, find_legs, hide_behind, plan_bars
+from knotfab.geometry.legs import Bar
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import WITHIN_MM, Faces, Mesh, as_manifold, as_mesh, face_normals, sweep
+from knotfab.hold.eyelet import Bed
 from knotfab.hold.lamp_frame import Table, frame_or_reason
-from knotfab.hold.mount import Mounted, mount_piece
+from knotfab.hold.mount import Mounted, mount_piece, plan_bed
 from knotfab.knots import Knots
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.picture.read import Target
 from knotfab.scene.camera import cameras_of, view_axes
 from knotfab_formats.scene import ResolvedScene
-from knotfab_formats.slicer_ini import SUPPORT_LINE_NOZZLES, stiffness_share
+from knotfab_formats.slicer_ini import SUPPORT_LINE_NOZZLES
 from knotfab_formats.upright import MOST_BRIDGE_MM
 
 BESIDE_MM = 5.0  # a slicer's supports reach out of a piece's outline by at most this
@@ -98,18 +99,12 @@ def part_of(
         bodies = list(pose.tubes)
         if mounted.scene.mount.kind != "none":
             bodies = [clean_body(body) for body in bodies]
-        standing = None
-        if scene.piece.supports == "none" and printing:
-            hidden = hide_behind(masks[0], cameras[0].projection @ pose.matrix)
-            modulus = scene.material.young_modulus_mpa * stiffness_share(
-                scene.printer, made.knots.radius_mm
-            )
-            in_plate = mounted.scene.mount.on_feet
-            given = None
-            if mounted.hang is not None and (bed := mounted.hang.bed) is not None:
-                back = np.asarray(np.linalg.inv(pose.matrix), dtype=np.float64)
-                given = [bar.moved(back) for bar in bed.bars]
-            pose, bodies, standing = stand(pose, bodies, modulus, hidden, in_plate, given)
+        standing = bed = None
+        if printing:
+            hang = mounted.hang
+            bed = hang.bed if hang else plan_bed(scene, made.knots, cameras[0], masks[0])
+        if bed is not None:
+            pose, bodies, standing = stand(pose, bodies, bed, mounted.scene.mount.on_feet)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]
     return Part(bodies, pose, mounted, standing)
 
@@ -187,30 +182,22 @@ class Standing:
 
 
 def stand(
-    pose: PrintPose,
-    bodies: list[Mesh],
-    young_modulus_mpa: float,
-    hidden: Callable[[Array], bool],
-    in_plate: bool = False,
-    given: list[Bar] | None = None,
+    pose: PrintPose, bodies: list[Mesh], bed: Bed, in_plate: bool = False
 ) -> tuple[PrintPose, list[Mesh], Standing]:
-    """Cut the feet of a piece level and lay it on them, unless they end in a plate, and plan its bars.
+    """Cut the feet of a piece level and lay it on them, unless they end in a plate.
 
     Args:
-        pose: with the light's axis up. bodies: in its coordinates. hidden: as for `plan_bars`.
-        given: its bars, if they are planned already.
+        pose: with the light's axis up. bodies: in its coordinates.
 
     Returns:
         The pose and the bodies, cut, without the bars, which are in the pose's coordinates.
     """
     knots = pose.knots
     cut = 0.0 if in_plate else CUT_RADII * knots.radius_mm
-    legs = find_legs([knot.points for knot in knots.knots])
-    if given is None:
-        given, _ = plan_bars(legs, knots.radius_mm, young_modulus_mpa, hidden, thrifty=True)
     shift = np.eye(4)
     shift[2, 3] = -cut
-    bars = tuple(bar.moved(shift) for bar in given)
+    to_pose = np.asarray(np.linalg.inv(pose.matrix), dtype=np.float64)
+    bars = tuple(bar.moved(to_pose).moved(shift) for bar in bed.bars)
     assert max((bar.gap_mm for bar in bars), default=0.0) < MOST_BRIDGE_MM
     cuts = [_cut_level(body, cut) if cut else body for body in bodies]
     laid = replace(

@@ -78,7 +78,7 @@ def lift_template(
         steadying,
         _FLAT_RADII * radius,
         separation if parted and lanes is None else None,
-        problem.leg_modulus_mpa(radius) if problem.arched else None,
+        problem.world.leg_modulus_mpa(radius) if problem.arched else None,
         target.hides,
     )
     if flat:

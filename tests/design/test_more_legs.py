@@ -11,8 +11,10 @@ from knotfab.base.arrays import Array
 from knotfab.design.design import _BRACINGS
 from knotfab.design.retries import _FLATTEST_DEG, start_on_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
+from knotfab.knots import Knot, Knots
 from knotfab.problem import Start, TargetView
 from knotfab.start.profiles import lower
+from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
 
 RADIUS, LIGHT, PLA = 1.66, 600.0, 2300.0
@@ -39,11 +41,10 @@ def ask(
     view = ResolvedView(frame_width_mm=400.0, frame_height_mm=400.0, light_distance_mm=LIGHT)
     mask = np.ones((400, 400), dtype=bool)
     target = TargetView(view, mask, MultiPolygon())
-    problem: Any = SimpleNamespace(
-        arched=arched, views=(target,), leg_modulus_mpa=lambda radius: PLA
-    )
+    world = SimpleNamespace(leg_modulus_mpa=lambda radius: PLA, material=Material())
+    problem: Any = SimpleNamespace(arched=arched, views=(target,), world=world)
     start = Start((curve if begun is None else begun,), "a circle", types)
-    return start_on_more_legs(problem, start, radius, (curve,))
+    return start_on_more_legs(problem, start, Knots((Knot(curve),), radius))
 
 
 def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:

@@ -112,6 +112,7 @@ def design_under(world: World, points: Array) -> Any:
         views=(view(),),
         placing=world.placing,
         printer=world.printer,
+        material=world.material,
         mount=Mount(),
         on_wall=lambda knots: False,
     )
