@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from shapely import MultiPolygon
@@ -220,6 +221,7 @@ class SearchResult:
     numbers: ViewNumbers | None = None  # of a pose that the search found
     guards: Mapping[str, Guard] = field(default_factory=dict)  # by the limit's name
     ended: str = ""
+    state: Any = None  # of the search, from which another may go on
 
     @property
     def iou_estimate(self) -> float:

@@ -63,6 +63,7 @@ from knotfab_formats.search import SearchSettings
 START_FILE = "start.json"
 # searches at most for legs that all have a neighbour: each halves arches, and leaves others without one
 _BRACINGS = 8
+_AMISS = "a leg has no neighbour to brace it, or is too flat"
 
 
 @dataclass(frozen=True, repr=False)
@@ -119,8 +120,9 @@ def plan_searches(
 ) -> Steps[Design]:
     """Plan the searches of one design, as `design_knots` makes them.
 
-    The first starts from a filling, the others from what it lacks: sides that keep their order where a strand
-    stands out, more arches where a leg is braced by none, sparser strands where a limit is broken.
+    The first starts from a filling, on as many arches as its legs need after the coarse phase. Others start
+    from what it lacks: sides that keep their order where a strand stands out, more arches where a leg is
+    braced by none all the same, sparser strands where a limit is broken.
 
     Args:
         why: why this design is made after another one.
@@ -166,7 +168,10 @@ def plan_searches(
                 "report": progress.update if progress.watched else None,
             },
         )
-        result: SearchResult = yield first
+        going = first
+        if problem.arched and pace is None and settings.method == "flow":
+            going = yield from _brace_start(first)
+        start, result = going.start, (yield going)
         if pace is not None:
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
@@ -181,11 +186,8 @@ def plan_searches(
             braced = start_on_more_legs(problem, start, result.knots)
             if braced is None:
                 break
-            what, why = (
-                "search from more arches",
-                "a leg has no neighbour to brace it, or is too flat",
-            )
-            again = yield replace(first, what=what, start=braced, why=why)
+            what = "search from more arches"
+            again = yield replace(first, what=what, start=braced, why=_AMISS)
             if result.feasible and not again.feasible:
                 break
             again.add_work(result)
@@ -199,6 +201,24 @@ def plan_searches(
         question = question.seen_from(result.views, targets)
     made = replace(settle_design(question, result, settings), radius=choice, start_ious=start.ious)
     return (yield from price_design(made, question, start, unmet, progress, budget))
+
+
+def _brace_start(first: Search) -> Steps[Search]:
+    """Plan coarse searches until no leg is amiss after one; return the search that goes on from there."""
+    few = first.settings.but(fine_iterations=0, settle_iterations=0)
+    short = {**first.more, "plan": replace(plan_of(few), repairs=0)}
+    coarse, work = replace(first, what=f"coarse {first.what}", settings=few, more=short), None
+    for _ in range(_BRACINGS):
+        found: SearchResult = yield coarse
+        if work is not None:
+            found.add_work(work)
+        work, start = found, start_on_more_legs(first.problem, coarse.start, found.knots)
+        if start is None:
+            rest = first.settings.but(coarse_iterations=0)
+            more = {**first.more, "begun": found.state}
+            return replace(first, start=coarse.start, settings=rest, more=more, why="")
+        coarse = replace(coarse, what="coarse search from more arches", start=start, why=_AMISS)
+    return replace(first, start=coarse.start, why=_AMISS)
 
 
 def _plan(

@@ -44,6 +44,7 @@ def search(
     plan: Plan | None = None,
     log: CertificateLog | None = None,
     pace: Pace | None = None,
+    begun: SearchState | None = None,
     device: str = "cpu",
     report: Report | None = None,
     watch: Watch | None = None,
@@ -60,6 +61,7 @@ def search(
         pose: the free pose of one view, or free directions of several. It is found in all phases but the
             last, before which the knots are turned into the axes of a single view.
         pace: sets the iterations of each phase by the clock; None: as the settings say.
+        begun: the state in which a search from this start has ended, to go on from.
         log: the certified steps that led to the start, to be continued.
         device: where the paper's network runs: "cpu" or "cuda".
         plan: replaces the one that follows from the settings and the number of views.
@@ -70,10 +72,10 @@ def search(
         The result, feasible or not; it says which limit is violated, by how much and where.
     """
     plan = plan or plan_of(settings, 1 if problem.apart_mm is not None else len(problem.views))
-    state = begin_search(
+    state = begun or begin_search(
         problem, start, radius, settings, terms, pose, plan.keep_vertices, log, device
     )
-    state.watch = watch
+    state.settings, state.watch = settings, watch
     if pose is not None:
         pose.keep(state.points)
     done = 0.0  # share of the search
@@ -83,7 +85,7 @@ def search(
         load_app("network").search_network(
             state, None if report is None else lambda part, iou: report(done * part, iou)
         )
-    elif start.far:
+    elif start.far and begun is None:
         _approach(state)
     if not plan.phases:
         _settle_pose(state)
@@ -108,6 +110,7 @@ def search(
         state.numbers,
         state.guards,
         _tell_end(state, walked, pace is not None),
+        state,
     )
 
 

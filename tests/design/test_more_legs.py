@@ -8,14 +8,16 @@ import pytest
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
-from knotfab.design.design import _BRACINGS
+from knotfab.design.design import _BRACINGS, _brace_start
 from knotfab.design.retries import _FLATTEST_DEG, start_on_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.knots import Knot, Knots
+from knotfab.plan import Search
 from knotfab.problem import Start, TargetView
 from knotfab.start.profiles import lower
 from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
+from knotfab_formats.search import PRESETS
 
 RADIUS, LIGHT, PLA = 1.66, 600.0, 2300.0
 
@@ -30,6 +32,14 @@ def ring(arches: int, height: float, around: float = 30.0) -> Array:
     return np.column_stack([flat * (1.0 - z / LIGHT)[:, None], z])
 
 
+def problem(arched: bool = True) -> Any:
+    view = ResolvedView(frame_width_mm=400.0, frame_height_mm=400.0, light_distance_mm=LIGHT)
+    mask = np.ones((400, 400), dtype=bool)
+    target = TargetView(view, mask, MultiPolygon())
+    world = SimpleNamespace(leg_modulus_mpa=lambda radius: PLA, material=Material())
+    return SimpleNamespace(arched=arched, views=(target,), world=world)
+
+
 def ask(
     curve: Array,
     *,
@@ -38,13 +48,8 @@ def ask(
     arched: bool = True,
     types: tuple[str, ...] = ("unknot",),
 ) -> Start | None:
-    view = ResolvedView(frame_width_mm=400.0, frame_height_mm=400.0, light_distance_mm=LIGHT)
-    mask = np.ones((400, 400), dtype=bool)
-    target = TargetView(view, mask, MultiPolygon())
-    world = SimpleNamespace(leg_modulus_mpa=lambda radius: PLA, material=Material())
-    problem: Any = SimpleNamespace(arched=arched, views=(target,), world=world)
     start = Start((curve if begun is None else begun,), "a circle", types)
-    return start_on_more_legs(problem, start, Knots((Knot(curve),), radius))
+    return start_on_more_legs(problem(arched), start, Knots((Knot(curve),), radius))
 
 
 def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:
@@ -84,6 +89,28 @@ def test_halving_goes_on_until_no_leg_lacks_a_neighbour(radius: float, height: f
             break
         curve = start.curves[0]
     assert start is None and not len(plan_bars(find_legs([curve]), radius, PLA)[1])
+
+
+@pytest.mark.parametrize("height", [30.0, 80.0])
+def test_coarse_searches_come_first_until_every_leg_stands(height: float) -> None:
+    begun = Start((ring(3, height),), "a circle")
+    first = Search("search", problem(), begun, RADIUS, PRESETS["draft"], "thick", {"device": "cpu"})
+    steps, states, starts = _brace_start(first), list[object](), list[Start]()
+    with pytest.raises(StopIteration) as done:
+        coarse: Any = next(steps)
+        while True:
+            asked = coarse.settings
+            assert asked.coarse_iterations and not asked.fine_iterations + asked.settle_iterations
+            states.append(object())
+            starts.append(coarse.start)
+            knots = Knots(tuple(map(Knot, coarse.start.curves)), RADIUS)
+            found: Any = SimpleNamespace(knots=knots, state=states[-1], add_work=lambda _: None)
+            coarse = steps.send(found)
+    going: Search = done.value.value
+    assert len(starts) == (1 if height < 80.0 else 2) and starts[0] is begun
+    assert going.start is starts[-1] and going.more["begun"] is states[-1]
+    assert going.settings == first.settings.but(coarse_iterations=0)
+    assert not len(plan_bars(find_legs(list(going.start.curves)), RADIUS, PLA)[1])
 
 
 @pytest.mark.parametrize("arches", [2, 3])

@@ -71,6 +71,10 @@ def test_the_same_seed_gives_the_same_knots(problem: Problem) -> None:
     assert len(seen) == short.iterations and all(certified for _, certified in seen)
     assert (seen[-1][0].points == two.knots.points).all()
     assert told[-1] == pytest.approx(two.iou_estimate, abs=0.02)
+    coarse = short.but(fine_iterations=0, settle_iterations=0)
+    begun = start_and_search(problem, 4.0, coarse, repairs=0).state
+    rest = start_and_search(problem, 4.0, short.but(coarse_iterations=0), repairs=0, begun=begun)
+    assert (rest.knots.points == one.knots.points).all() and rest.ended == one.ended
     other = start_and_search(problem, 4.0, short.model_copy(update={"seed": 5}), repairs=0)
     assert other.knots.points.shape != one.knots.points.shape or not np.allclose(
         other.knots.points, one.knots.points
