@@ -1,4 +1,5 @@
-"""Write docs/api.md, a line for each name that `import knotfab` offers: `python -m examples.api_page`.
+"""Write docs/api.md, a line for each name that `import knotfab` offers, and docs/scene.toml, its keys with
+their defaults: `python -m examples.api_page`.
 
 As a hook of mkdocs it also gives the site what is made from code: each name's whole docstring, and the keys
 of scene.toml with their defaults.
@@ -8,14 +9,24 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Callable
+import json
+import textwrap
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 import knotfab
+from knotfab_formats.bounds import as_written, sentences_of, words_of
+from knotfab_formats.read import list_tables
+from knotfab_formats.search import OF_NO_PRESET
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, KEYS = DOCS / "api.md", DOCS / "scene.toml"
+_WIDTH = 118
+_POSE = """[pose]  # From print coordinates to the scene, written by a build.
+matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"""
 _HEAD = """# The public API
 
 Everything here is `from knotfab import …`, loaded when it is first used. `help(knotfab.build)` prints
@@ -77,6 +88,34 @@ def _entry(name: str, thing: object) -> str:
     return "\n".join(lines)
 
 
+def list_keys() -> str:
+    """List every key with its default and its sentence, as TOML."""
+    tables = [
+        "\n".join(_list_table(name, model))
+        for name, model in list_tables().items()
+        if name != "pose"
+    ]
+    return "\n\n".join(["schema = 1", *tables, _POSE]) + "\n"
+
+
+def _list_table(name: str, model: type[BaseModel]) -> Iterator[str]:
+    head = "[[views]]" if name == "views" else f"[{name}]"
+    yield f"{head}  # {(model.__doc__ or '').strip().splitlines()[0]}"
+    said = sentences_of(model)
+    for key, field in model.model_fields.items():
+        if name == "search" and key not in OF_NO_PRESET:  # the schema lists them
+            continue
+        words, told = words_of(model, key), said[key]
+        default = as_written(model, key, field.default)
+        value = json.dumps(default, ensure_ascii=False)
+        shown = f"# {key} = …" if default is None else f"{key} = {value}"
+        if len(words) > 1 and not all(word in told for word in words):
+            told = f"{' | '.join(map(json.dumps, words))}. {told}"
+        yield from textwrap.wrap(
+            f"{shown}  # {told}", _WIDTH, subsequent_indent="    # ", break_long_words=False
+        )
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return what mkdocs shows of a page: here the two that are made from code have all of it."""
     if page.file.src_uri == PAGE.name:
@@ -87,8 +126,9 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def main() -> None:
-    """Write the page."""
+    """Write both."""
     PAGE.write_text(api_page(), encoding="utf-8")
+    KEYS.write_text(list_keys(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,21 +1,20 @@
-"""Read a scene.toml for maker and validators: its TOML, its keys, and what views share; list all keys."""
+"""Read a scene.toml for maker and validators: its TOML, its keys, and what views share."""
 
 from __future__ import annotations
 
 import json
 import re
-import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
-from knotfab_formats.bounds import as_written, sentences_of, values_of, words_of
+from knotfab_formats.bounds import as_written, sentences_of, values_of
 from knotfab_formats.errors import InputError, short
 from knotfab_formats.explain import tables_of
 from knotfab_formats.scene import Scene
-from knotfab_formats.search import OF_NO_PRESET, SearchSettings
+from knotfab_formats.search import SearchSettings
 from knotfab_formats.struck import pass_keys
 from knotfab_formats.views import OF_WALL, View
 
@@ -130,12 +129,9 @@ def _share_walls(views: tuple[View, ...], what: str) -> tuple[View, ...]:
     return tuple(found)
 
 
-# The keys of scene.toml as a JSON schema for editors, and as docs/scene.toml with every default.
+# The keys of scene.toml as a JSON schema for editors.
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_WIDTH = 118
-_POSE = """[pose]  # From print coordinates to the scene, written by a build.
-matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"""
 
 
 def list_tables() -> dict[str, type[BaseModel]]:
@@ -160,31 +156,3 @@ def dump_schema() -> str:
             if name == "search":
                 del node["default"]  # it depends on the preset that [accuracy] names
     return json.dumps({"$schema": _DIALECT, **scene, "title": "scene.toml"}, indent=1) + "\n"
-
-
-def list_keys() -> str:
-    """List every key with its default and its sentence, as TOML."""
-    tables = [
-        "\n".join(_list_table(name, model))
-        for name, model in list_tables().items()
-        if name != "pose"
-    ]
-    return "\n\n".join(["schema = 1", *tables, _POSE]) + "\n"
-
-
-def _list_table(name: str, model: type[BaseModel]) -> Iterator[str]:
-    head = "[[views]]" if name == "views" else f"[{name}]"
-    yield f"{head}  # {(model.__doc__ or '').strip().splitlines()[0]}"
-    said = sentences_of(model)
-    for key, field in model.model_fields.items():
-        if name == "search" and key not in OF_NO_PRESET:  # the schema lists them
-            continue
-        words, told = words_of(model, key), said[key]
-        default = as_written(model, key, field.default)
-        value = json.dumps(default, ensure_ascii=False)
-        shown = f"# {key} = …" if default is None else f"{key} = {value}"
-        if len(words) > 1 and not all(word in told for word in words):
-            told = f"{' | '.join(map(json.dumps, words))}. {told}"
-        yield from textwrap.wrap(
-            f"{shown}  # {told}", _WIDTH, subsequent_indent="    # ", break_long_words=False
-        )

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw
 
+from examples.api_page import KEYS
 from knotfab.apps.compare.compare import read_photo
 from knotfab.apps.studio.builds import describe_folder
 from knotfab.knots import read_start
@@ -19,7 +20,6 @@ from knotfab.picture.frames import read_frames
 from knotfab.picture.read import read_target
 from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import load_scene
-from knotfab_formats.read import list_keys
 
 from .curves import circle
 from .fuzzed import change
@@ -66,7 +66,7 @@ def seeds() -> dict[tuple[str, str], bytes]:
     found["frames", "a.gif"] = buffer.getvalue()
     found["picture", "a.svg"] = SVG.encode()
     found["picture", "a.svgz"] = gzip.compress(SVG.encode())
-    found["scene", "scene.toml"] = list_keys().encode()
+    found["scene", "scene.toml"] = KEYS.read_bytes()
     points = circle(20.0, 24).tolist()
     start = {"schema": 1, "radius_mm": 2.0, "coordinates": "scene", "knots": [{"points": points}]}
     found["start", "start.json"] = json.dumps(start).encode()

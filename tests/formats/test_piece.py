@@ -15,6 +15,7 @@ import pytest
 from knot_curves import judge_type
 
 import knotfab
+from examples.api_page import KEYS, list_keys
 from knotfab.geometry.measures import bend_radii, strand_gap
 from knotfab.geometry.polylines import polylines_of_sizes
 from knotfab.limits.terms import Limits
@@ -25,7 +26,7 @@ from knotfab_formats.bounds import option_of, sentences_of, values_of, why_out_o
 from knotfab_formats.errors import InputError
 from knotfab_formats.knots import BRAIDS, parse_knot_name
 from knotfab_formats.piece import Printer
-from knotfab_formats.read import dump_schema, list_keys, list_tables, parse_toml
+from knotfab_formats.read import dump_schema, list_tables, parse_toml
 from knotfab_formats.scene import Scene, SettledRegion
 from knotfab_formats.search import PRESETS, SearchSettings, search_settings
 from knotfab_formats.views import View
@@ -263,12 +264,8 @@ def test_unknown_names_say_what_is_known(asked: str) -> None:
 # declare.
 
 
-LISTED = Path(__file__).parents[2] / "docs" / "scene.toml"
-LIST = "from knotfab_formats.read import list_keys; print(list_keys(), end='')"
-
-
 def test_the_keys_are_listed_as_they_are_declared() -> None:
-    assert LISTED.read_text("utf-8") == list_keys(), f'run python -c "{LIST}" > docs/scene.toml'
+    assert KEYS.read_text("utf-8") == list_keys(), "run python -m examples.api_page"
 
 
 def test_the_listing_is_a_scene_with_every_default() -> None:
