@@ -381,12 +381,9 @@ def test_moves_that_a_stranger_wrote_do_nothing(tmp_path: Path, kind: str) -> No
     ours = killed_build(tmp_path / "ours", note="new")
     seal, signed = (ours / "seal").read_text(), json.loads((ours / "moves.json").read_text())
     wraps: list[tuple[str | None, Callable[[str], object]]] = [
-        (None, json.loads),
-        ("", lambda text: ["", text]),
-        ("0" * 64, lambda text: ["0" * 64, text]),
-        (seal, lambda text: [signed[0], text]),
-        (seal, lambda _: signed),
-    ]
+        (None, json.loads), ("", lambda text: ["", text]), ("0" * 64, lambda text: ["0" * 64, text]),
+        (seal, lambda text: [signed[0], text]), (seal, lambda _: signed),
+    ]  # fmt: skip
     for number, (mark, wrap) in enumerate(wraps):
         place = tmp_path / f"{number}"
         folder = strangers_folder(place, STEPS[kind](place / "aside"), wrap)

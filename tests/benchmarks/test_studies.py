@@ -58,20 +58,16 @@ from paper.pictures import paper_pictures
 
 # rows that other tests cover, at a lower cost than a whole build
 ELSEWHERE = {
-    "wall mount": "tests/pipeline/test_build.py",
-    "desk stand": "tests/hold",
-    "eyelet for a thread": "tests/hold/test_hang.py",
-    "depth given": "tests/pipeline/test_build.py",
-    "flat": "tests/pipeline/test_build.py",
-    "slicing": "tests/part/test_slicer.py",
+    "wall mount": "tests/pipeline/test_build.py", "desk stand": "tests/hold",
+    "eyelet for a thread": "tests/hold/test_hang.py", "depth given": "tests/pipeline/test_build.py",
+    "flat": "tests/pipeline/test_build.py", "slicing": "tests/part/test_slicer.py",
     "network (inn)": "tests/apps/paper/test_network.py",
     "network, then flow (inn+flow)": "tests/apps/paper/test_network.py",
-    "region mesh": "tests/limits/test_feasibility.py",
-    "time budget": "tests/search/test_free_pose.py",
+    "region mesh": "tests/limits/test_feasibility.py", "time budget": "tests/search/test_free_pose.py",
     "price of a limit": "tests/design/test_settings.py",
     "sparser filling": "tests/pipeline/test_build.py",
     "view found in the search": "tests/search/test_free_pose.py",
-}
+}  # fmt: skip
 assert all(Path(__file__).parents[2].joinpath(place).exists() for place in ELSEWHERE.values())
 # as dear as a minute of other tests: tests/part/test_plates.py, tests/start/test_tie.py and
 # tests/search/test_search.py have their parts
@@ -180,14 +176,9 @@ def test_a_promise_is_kept_where_all_of_it_came() -> None:
     """Grams and hours within 12 %, the tube, the holder, and what is told."""
     promise: Row = {"said_g": 50.0, "said_h": 5.0, "said_mm": 2.0, "said_holder": "in roots"}
     came = {
-        "print": {
-            "filament_g": 50.0,
-            "time_s": 18000.0,
-            "mount": {"kind": "wall", "plate": "roots"},
-        },
-        "settings": {"tube_radius_mm": 2.0},
-        "views": [{"told": {"worst": {"share": 0.5}}}],
-    }
+        "print": {"filament_g": 50.0, "time_s": 18000.0, "mount": {"kind": "wall", "plate": "roots"}},
+        "settings": {"tube_radius_mm": 2.0}, "views": [{"told": {"worst": {"share": 0.5}}}],
+    }  # fmt: skip
     assert compare_promise(promise, came) == {"g_off": 0.0, "h_off": 0.0, "same": 1.0}
     assert compare_promise({**promise, "said_told": 0.45}, came)["same"] == 1.0
     for other in (

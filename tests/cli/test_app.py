@@ -23,48 +23,34 @@ from knotfab_formats.errors import InputError
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="64">{}</svg>'
 BAD_PICTURES = {
-    "missing.png": "there is no such file",
-    "folder": "it is a directory",
-    "words.png": "it is not a picture",
-    "outside.svg": "refers to something outside the file",
-    "speck.png": "too little to be drawn",
-    "checker.png": "none of these is its background",
-}
+    "missing.png": "there is no such file", "folder": "it is a directory",
+    "words.png": "it is not a picture", "outside.svg": "refers to something outside the file",
+    "speck.png": "too little to be drawn", "checker.png": "none of these is its background",
+}  # fmt: skip
 BAD_SCENES = {
     "[piece]\ntube_radius = 3\n": "Did you mean 'tube_radius_mm'",
     '[piece]\ntube_radius_mm = "3 inch"\n': "in millimetres, without unit",
     "[piece]\nclearance_mm = -1\n": "must be a number not less than 0",
-    "[piece]\ntube_radius_mm = nan\n": "must be a finite number",
-    "[piece\n": "not valid TOML",
-    "[search]\niterations = 10\n": "there is no such setting",
-    "schema = 2\n": "must be 1",
-    "\n".join(
-        f'[[views]]\nname = "v{k}"\nazimuth_deg = {13 * k}' for k in range(13)
-    ): "has 13 views",
-}
+    "[piece]\ntube_radius_mm = nan\n": "must be a finite number", "[piece\n": "not valid TOML",
+    "[search]\niterations = 10\n": "there is no such setting", "schema = 2\n": "must be 1",
+    "\n".join(f'[[views]]\nname = "v{k}"\nazimuth_deg = {13 * k}' for k in range(13)): "has 13 views",
+}  # fmt: skip
 BAD_CALLS = [
-    (["--bogus"], "Unknown option"),
-    (["--accuracy", "superb"], "Choose from"),
+    (["--bogus"], "Unknown option"), (["--accuracy", "superb"], "Choose from"),
     (["--time-budget", "abc"], "not a positive time. Give seconds"),
-    (["--time-budget", "-3"], "not a positive time"),
-    (["--font", "DejaVu Serif"], "no picture is one"),
-    (["--printer", "nonsense"], "no such printer"),
-    (["--tube-radius", "0"], "Give millimetres"),
+    (["--time-budget", "-3"], "not a positive time"), (["--font", "DejaVu Serif"], "no picture is one"),
+    (["--printer", "nonsense"], "no such printer"), (["--tube-radius", "0"], "Give millimetres"),
     (["--tube-radius", "thick"], "it is no length. Give millimetres"),
     (["--tube-radius", "-2"], "not above 0. Give millimetres"),
     (["--size", "18 parsecs"], "no unit parsecs. Use mm, cm, m or in."),
     (["--acc", "draft"], "Did you mean --accept or --accuracy?"),
-    (["--depth", "9999"], "towards the light"),
-    (["--knots", "0"], "neither auto nor a number"),
+    (["--depth", "9999"], "towards the light"), (["--knots", "0"], "neither auto nor a number"),
     (["--seed", "-1"], "not above 0. Give a number from 0"),
     (["--seed", "abc"], "no whole number. Give one such as 3."),
-    (["--skip", "everything"], "Known: shadow-render"),
-    (["--mount", "rope"], "Choose from"),
-    (["--material", "steel-wire-2mm"], "Print the piece"),
-    (["--bender", "grbl"], "Print the piece"),
-    (["--out"], "requires an argument"),
-    (["--out", ""], "names no place"),
-]
+    (["--skip", "everything"], "Known: shadow-render"), (["--mount", "rope"], "Choose from"),
+    (["--material", "steel-wire-2mm"], "Print the piece"), (["--bender", "grbl"], "Print the piece"),
+    (["--out"], "requires an argument"), (["--out", ""], "names no place"),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -283,19 +269,16 @@ def test_a_full_disk_is_noticed_before_the_work(bad: Path, full_disk: Path) -> N
 @pytest.mark.parametrize(
     ("call", "code", "why"),
     [
-        (["validate"], 2, "nothing to validate"),
-        (["validate", "missing"], 2, "no such file"),
-        (["validate", "folder"], 2, "no part.stl"),
-        (["validate", "words.png"], 2, "words.png"),
+        (["validate"], 2, "nothing to validate"), (["validate", "missing"], 2, "no such file"),
+        (["validate", "folder"], 2, "no part.stl"), (["validate", "words.png"], 2, "words.png"),
         (["validate", "--knots", "words.png"], 2, "is not JSON"),
         (["validate", "--knots", "words.png", "--skip", "all"], 2, "no such check"),
         (["shadow", "words.stl", "--scene", "empty.toml", "--out", "x.png"], 2, "words.stl"),
         (["shadow", "missing.stl", "--scene", "empty.toml", "--out", "x.png"], 2, "missing.stl"),
         (["shadow", "words.stl", "--scene", "empty.toml", "--out", "x.jpg"], 2, "PNG"),
-        (["shadow"], 2, "requires an argument"),
-        (["nonsense"], 2, "Unknown command"),
+        (["shadow"], 2, "requires an argument"), (["nonsense"], 2, "Unknown command"),
     ],
-)
+)  # fmt: skip
 def test_wrong_calls_of_the_others(
     bad: Path, monkeypatch: pytest.MonkeyPatch, call: list[str], code: int, why: str
 ) -> None:

@@ -64,8 +64,7 @@ def test_an_interrupt_that_is_dropped_on_its_way(
     [
         (KeyError("a fault of ours"), 3, "a mistake of knotfab's own: KeyError"),
         (RuntimeError("two\nlines \udce9"), 3, "RuntimeError (two lines \\xe9)"),
-        (RecursionError(), 2, "nested too deep"),
-        (MemoryError(), 3, "this machine has no more"),
+        (RecursionError(), 2, "nested too deep"), (MemoryError(), 3, "this machine has no more"),
         (RuntimeError("can't start new thread"), 3, "this machine has no more"),
         (ImportError("no symbol", name="torch"), 3, "the library torch: it cannot be loaded"),
         (ImportError("failed to map segment", name="torch"), 3, "this machine has no more"),
@@ -73,14 +72,10 @@ def test_an_interrupt_that_is_dropped_on_its_way(
         (OSError(errno.EROFS, "Read-only file system", "a.png"), 3, "a.png: it fails (Read-only"),
         (OSError(errno.EFBIG, "File too large", "a.png"), 3, "(File too large)"),
         (OSError(errno.ENAMETOOLONG, "File name too long", "a" * 4000), 2, "(File name too long)"),
-        (
-            PermissionError(errno.EACCES, "Permission denied", b"\xe9"),
-            2,
-            "\\xe9: it cannot be used",
-        ),
+        (PermissionError(errno.EACCES, "Permission denied", b"\xe9"), 2, "\\xe9: it cannot be used"),
         (OSError("odd"), 3, "the system: it fails (odd)"),
     ],
-)
+)  # fmt: skip
 def test_no_traceback_reaches_a_person(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: Exception, code: int, said: str
 ) -> None:

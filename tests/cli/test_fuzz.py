@@ -45,17 +45,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "folder.png").mkdir()
     (folder / "loop").symlink_to("loop")
     files: dict[str, bytes] = {
-        "part.stl": PART.encode(),
-        "empty": b"",
-        "binary": bytes(range(256)) * 8,
-        "deep.json": b"[" * 100_000,
-        "deep.toml": b"a=" + b"[" * 100_000,
+        "part.stl": PART.encode(), "empty": b"", "binary": bytes(range(256)) * 8,
+        "deep.json": b"[" * 100_000, "deep.toml": b"a=" + b"[" * 100_000,
         "long.toml": b"[search]\nseed = " + b"9" * 5000,
-        "marked.toml": b"\xef\xbb\xbf[piece]\nknots = 1\n",
-        "null.json": b"null",
+        "marked.toml": b"\xef\xbb\xbf[piece]\nknots = 1\n", "null.json": b"null",
         "odd.json": b'{"knots": [{"points": [[1e308, "x"]], "type": null}], "radius_mm": []}',
         "huge.toml": b"[[views]]\nwall_distance_mm = 1e308\n",
-    }
+    }  # fmt: skip
     for name, content in files.items():
         (folder / name).write_bytes(content)
     with (folder / "sparse.png").open("wb") as file:

@@ -283,13 +283,8 @@ def _scale(held: Held, rng: Rng) -> None:
 
 MODEL = "3D/3dmodel.model"
 KEYS = (
-    "layer_height",
-    "perimeters",
-    "support_material",
-    "fill_density",
-    "raft_layers",
-    "start_gcode",
-)
+    "layer_height", "perimeters", "support_material", "fill_density", "raft_layers", "start_gcode",
+)  # fmt: skip
 ENTRIES = (
     *("Metadata/Slic3r_PE.config", "Metadata/Slic3r_PE_model.config", "metadata/SUPERSLICER.config"),
     *("Metadata/model_settings.config", "Metadata/project_settings.config", "Metadata/slice_info.config"),
@@ -439,33 +434,19 @@ def _set_profile(held: Held, rng: Rng) -> None:
 
 # keys of scene.toml, at what asks for less: a factor between two, or one of some values
 LOOSER: Mapping[str, tuple[float, float] | list[Any]] = {
-    "piece.printed": [False],
-    "piece.clearance_mm": (0.0, 0.45),
-    "piece.tube_radius_mm": (0.5, 0.85),
-    "piece.knots": [1, 3],
-    "piece.knot": ["3_1", "4_1"],
-    "material.process": ["powder"],
-    "material.young_modulus_mpa": (3.0, 100.0),
-    "material.min_bend_radius_mm": (0.01, 0.8),
-    "material.shrinkage_percent": [3.0, 8.0],
-    "printer.process": ["powder"],
-    "printer.min_wall_mm": (0.01, 0.8),
-    "printer.min_gap_mm": (0.01, 0.8),
-    "printer.layer_height_mm": (0.05, 0.35),
-    "printer.max_overhang_deg": (1.3, 1.9),
-    "printer.max_bridge_mm": (2.0, 100.0),
-    "printer.build_volume_mm": [[900.0, 900.0, 900.0]],
-    "views.light_diameter_mm": [90.0, 150.0, 400.0],
-    "views.threshold": [0.01, 0.97, 0.99],
-    "views.speck_px": [2000, 5000],
-    "views.invert": [True],
-    "accuracy.max_outline_error_px": (3.0, 1000.0),
-    "mount.kind": ["none"],
-    "mount.max_sag_mm": [5.0, 60.0],
-    "mount.pegs": [[], [1, 1]],
-    "mount.hole_diameter_mm": [1.0, 2.0, 8.0],
-    "mount.thread_mm": ["none", [0.0, 0.0, 0.0]],
-}
+    "piece.printed": [False], "piece.clearance_mm": (0.0, 0.45), "piece.tube_radius_mm": (0.5, 0.85),
+    "piece.knots": [1, 3], "piece.knot": ["3_1", "4_1"], "material.process": ["powder"],
+    "material.young_modulus_mpa": (3.0, 100.0), "material.min_bend_radius_mm": (0.01, 0.8),
+    "material.shrinkage_percent": [3.0, 8.0], "printer.process": ["powder"],
+    "printer.min_wall_mm": (0.01, 0.8), "printer.min_gap_mm": (0.01, 0.8),
+    "printer.layer_height_mm": (0.05, 0.35), "printer.max_overhang_deg": (1.3, 1.9),
+    "printer.max_bridge_mm": (2.0, 100.0), "printer.build_volume_mm": [[900.0, 900.0, 900.0]],
+    "views.light_diameter_mm": [90.0, 150.0, 400.0], "views.threshold": [0.01, 0.97, 0.99],
+    "views.speck_px": [2000, 5000], "views.invert": [True],
+    "accuracy.max_outline_error_px": (3.0, 1000.0), "mount.kind": ["none"],
+    "mount.max_sag_mm": [5.0, 60.0], "mount.pegs": [[], [1, 1]],
+    "mount.hole_diameter_mm": [1.0, 2.0, 8.0], "mount.thread_mm": ["none", [0.0, 0.0, 0.0]],
+}  # fmt: skip
 
 
 def _loosen(held: Held, rng: Rng) -> None:
@@ -507,36 +488,25 @@ OF = {  # what edits change, if not the solid
     _loosen: "scene",
 }
 EDITS: Mapping[str, tuple[tuple[str, ...], Edit]] = {
-    "matter on the mount": (MOUNTED, _grow),
-    "a block beside": (EVERY, _lay_beside),
-    "a strand swollen": (EVERY, _swell),
-    "a strand necked or cut": (EVERY, _neck),
-    "a void in a strand": (EVERY, _hollow_strand),
-    "a screw hole narrowed": (ON_PLATE, _plug),
+    "matter on the mount": (MOUNTED, _grow), "a block beside": (EVERY, _lay_beside),
+    "a strand swollen": (EVERY, _swell), "a strand necked or cut": (EVERY, _neck),
+    "a void in a strand": (EVERY, _hollow_strand), "a screw hole narrowed": (ON_PLATE, _plug),
     "other screw holes listed": (ON_PLATE[1:], _list_holes),
     "a member necked": (WITH_MEMBERS, _cut_member),
     "a collar on a member": (WITH_MEMBERS, _collar_member),
     "a void in a member": (WITH_MEMBERS, _hollow_member),
-    "a dowel thicker": (("drilled holes",), _fatten_dowel),
-    "an eyelet filled": (("hang",), _fill_eyelet),
-    "a listing moved": (WITH_MEMBERS, _move_listing),
-    "a listing dropped": (WITH_MEMBERS, _drop_listing),
+    "a dowel thicker": (("drilled holes",), _fatten_dowel), "an eyelet filled": (("hang",), _fill_eyelet),
+    "a listing moved": (WITH_MEMBERS, _move_listing), "a listing dropped": (WITH_MEMBERS, _drop_listing),
     "a post that is listed": (MOUNTED, _list_more),
     "a bar's listing changed": (("no supports",), _move_bar),
     "a wall listed as a strip": (("no supports",), _stand_a_wall),
-    "another radius said": (EVERY, _say_radius),
-    "strands said elsewhere": (EVERY, _warp),
-    "mirrored": (EVERY, _mirror),
-    "scaled": (EVERY, _scale),
-    "an entry in part.3mf": (EVERY, _put_entry),
-    "an attribute in part.3mf": (EVERY, _put_attribute),
-    "an element in part.3mf": (EVERY, _put_element),
+    "another radius said": (EVERY, _say_radius), "strands said elsewhere": (EVERY, _warp),
+    "mirrored": (EVERY, _mirror), "scaled": (EVERY, _scale), "an entry in part.3mf": (EVERY, _put_entry),
+    "an attribute in part.3mf": (EVERY, _put_attribute), "an element in part.3mf": (EVERY, _put_element),
     "another mesh in part.3mf": (EVERY, _change_mesh),
-    "another start in part.3mf": (EVERY, _start_elsewhere),
-    "another profile": (EVERY, _set_profile),
-    "a looser scene": (EVERY, _loosen),
-    "another looser scene": (EVERY, _loosen),
-}
+    "another start in part.3mf": (EVERY, _start_elsewhere), "another profile": (EVERY, _set_profile),
+    "a looser scene": (EVERY, _loosen), "another looser scene": (EVERY, _loosen),
+}  # fmt: skip
 
 
 def drawn_forgeries(seed: int, count: int) -> list[Forged]:

@@ -47,12 +47,9 @@ def forged() -> list[Forged]:
         "wall pegs": [of_member(0), of_lists("members"), of_wall_plate()],
         "drilled holes": [of_member(1), of_lists("members", "hulls"), of_dowels()],
         "stand": [of_member(0), of_member(-1), of_lists("members", "hulls"), of_base()],
-        "hang": [of_member(0), of_lists("members", "rods"), of_eyelet()],
-        "full plate": [of_foot_plate()],
-        "outline plate": [of_foot_plate()],
-        "lamp frame": [of_frame()],
-        "no supports": [of_arches()],
-    }
+        "hang": [of_member(0), of_lists("members", "rods"), of_eyelet()], "full plate": [of_foot_plate()],
+        "outline plate": [of_foot_plate()], "lamp frame": [of_frame()], "no supports": [of_arches()],
+    }  # fmt: skip
     return [
         Forged(holder, name, forge)
         for holder, parts in tables.items()
@@ -352,16 +349,11 @@ def _save(form: str, beside: str = "3mf") -> Vary:
 
 
 VARIATIONS: dict[str, Vary] = {
-    "reordered": _reorder,
-    "refined": lambda folder: _remesh(folder, refined=2),
-    "decimated": lambda folder: _remesh(folder, within_mm=0.008),
-    "text": _save("stl-text"),
-    "OBJ": _save("obj"),
-    "PLY": _save("ply-binary"),
-    "3MF in inches": _save("stl", "3mf-inch"),
-    "STL by trimesh": _by_trimesh,
-    "3MF by lib3mf": _by_lib3mf,
-}
+    "reordered": _reorder, "refined": lambda folder: _remesh(folder, refined=2),
+    "decimated": lambda folder: _remesh(folder, within_mm=0.008), "text": _save("stl-text"),
+    "OBJ": _save("obj"), "PLY": _save("ply-binary"), "3MF in inches": _save("stl", "3mf-inch"),
+    "STL by trimesh": _by_trimesh, "3MF by lib3mf": _by_lib3mf,
+}  # fmt: skip
 
 
 def _save_again(name: str, folder: Path, seed: int) -> None:

@@ -135,18 +135,12 @@ def _reorder(body: Body) -> Body:
 def _scenes() -> Iterator[Good]:
     """Lights, walls, eyes and poses; the picture is the shadow."""
     views: dict[str, dict[str, Any]] = {
-        "from above": {},
-        "light from the side": {"azimuth_deg": 35.0},
+        "from above": {}, "light from the side": {"azimuth_deg": 35.0},
         "tilted wall": {"wall_tilt_deg": 15.0},
-        "near light": {
-            "light_distance_mm": 200.0,
-            "frame_width_mm": 140.0,
-            "frame_height_mm": 140.0,
-        },
+        "near light": {"light_distance_mm": 200.0, "frame_width_mm": 140.0, "frame_height_mm": 140.0},
         "far wall": {"wall_distance_mm": 300.0, "frame_width_mm": 180.0, "frame_height_mm": 180.0},
-        "wide frame": {"frame_width_mm": 160.0, "frame_height_mm": 110.0},
-        "an eye": {"kind": "eye"},
-    }
+        "wide frame": {"frame_width_mm": 160.0, "frame_height_mm": 110.0}, "an eye": {"kind": "eye"},
+    }  # fmt: skip
     for name, view in views.items():
         yield Good(f"shadow, {name}", partial(_view, view))
     yield Good("shadow, part that stands", _standing)
@@ -182,13 +176,9 @@ def _regions() -> Iterator[Good]:
         "box": {"kind": "box", "size_mm": [70.0, 70.0, 8.0]},
         "cylinder": {"kind": "cylinder", "size_mm": [80.0, 70.0, 80.0]},
         "sphere": {"kind": "sphere", "size_mm": [70.0, 70.0, 70.0]},
-        "box off the middle": {
-            "kind": "box",
-            "size_mm": [90.0, 90.0, 9.0],
-            "center_mm": [9, -9, 0.0],
-        },
+        "box off the middle": {"kind": "box", "size_mm": [90.0, 90.0, 9.0], "center_mm": [9, -9, 0.0]},
         "mesh": {"kind": "mesh", "file": "room.stl"},
-    }
+    }  # fmt: skip
     for name, region in regions.items():
         yield Good(f"region {name}", partial(in_region, region, {"room.stl": room}))
     yield Good("small printer", lambda: _with_room(0.5))
@@ -215,19 +205,13 @@ def _at_limits() -> Iterator[Good]:
 def _foreign() -> Iterator[Good]:
     """Parts that no tube is in."""
     bodies: dict[str, Callable[[], Body]] = {
-        "box": _box,
-        "plate": lambda: box((0, 0, 0), (60, 40, 2)),
-        "ball": lambda: ball(15.0).move((20, 20, 15)),
-        "drum": lambda: drum(12.0, 30.0).move((20, 20, 0)),
-        "hollow box": _hollow,
-        "two boxes": lambda: join(_box(), _box().move((40, 0, 0))),
-        "frame": lambda: _make_frame(1),
-        "frame with three holes": lambda: _make_frame(3),
-        "staircase": _staircase,
-        "table": table,
-        "ball, fine": lambda: ball(15.0, 64).move((20, 20, 15)),
+        "box": _box, "plate": lambda: box((0, 0, 0), (60, 40, 2)),
+        "ball": lambda: ball(15.0).move((20, 20, 15)), "drum": lambda: drum(12.0, 30.0).move((20, 20, 0)),
+        "hollow box": _hollow, "two boxes": lambda: join(_box(), _box().move((40, 0, 0))),
+        "frame": lambda: _make_frame(1), "frame with three holes": lambda: _make_frame(3),
+        "staircase": _staircase, "table": table, "ball, fine": lambda: ball(15.0, 64).move((20, 20, 15)),
         "long thin faces": lambda: box((0, 0, 0), (200, 2, 2)),
-    }
+    }  # fmt: skip
     for name, body in bodies.items():
         yield Good(f"foreign {name}", partial(_alone, body))
     for name in ("box", "plate", "table", "hollow box", "frame"):

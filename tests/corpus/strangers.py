@@ -26,13 +26,10 @@ from .fuzzed import change
 from .hostile import Hostile
 
 READERS: Mapping[str, Callable[[Path], object]] = {
-    "picture": read_target,
-    "photo": read_photo,
-    "frames": lambda path: read_frames([str(path)]),
-    "scene": lambda path: resolve(load_scene(path)),
-    "start": read_start,
+    "picture": read_target, "photo": read_photo, "frames": lambda path: read_frames([str(path)]),
+    "scene": lambda path: resolve(load_scene(path)), "start": read_start,
     "report": lambda path: describe_folder(path.parent, False),
-}
+}  # fmt: skip
 
 SVG = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="120mm"
  height="90mm" viewBox="0 0 120 90"><style>g > .ink:not(#a) { fill: black; stroke-width: 2px }

@@ -39,13 +39,9 @@ from knotfab_formats.views import View
 pytestmark = pytest.mark.slow
 
 FEW = {
-    "coarse_px": 48,
-    "fine_px": 64,
-    "coarse_iterations": 12,
-    "fine_iterations": 8,
-    "settle_iterations": 4,
+    "coarse_px": 48, "fine_px": 64, "coarse_iterations": 12, "fine_iterations": 8, "settle_iterations": 4,
     "depth_candidates": 4,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -89,12 +85,9 @@ def test_the_scene_of_two_views_repeats_them() -> None:
     targets = [read_target(f"text:{glyph}") for glyph in "oI"]
     views = [{"picture": f"{n}.png", "name": f"v{n}", "azimuth_deg": 90.0 * n} for n in range(2)]
     few = {
-        "coarse_px": 64,
-        "fine_px": 64,
-        "coarse_iterations": 5,
-        "fine_iterations": 5,
+        "coarse_px": 64, "fine_px": 64, "coarse_iterations": 5, "fine_iterations": 5,
         "settle_iterations": 5,
-    }
+    }  # fmt: skip
     given = {"schema": 1, "views": views, "search": few, "piece": {"tube_radius_mm": 6.0}}
     made = design_knots(resolve(Scene.model_validate(given)), targets)
     # a given grace stays, and the one that was taken is written as that number

@@ -25,14 +25,11 @@ def scene_of(count: int) -> ResolvedScene:
 @pytest.mark.parametrize(
     ("word", "towards", "up"),
     [
-        ("front", (0, 0, 1), (0, 1, 0)),
-        ("side", (1, 0, 0), (0, 1, 0)),
-        ("left", (-1, 0, 0), (0, 1, 0)),
-        ("Top", (0, 1, 0), (0, 0, -1)),
-        ("bottom", (0, -1, 0), (0, 0, 1)),
+        ("front", (0, 0, 1), (0, 1, 0)), ("side", (1, 0, 0), (0, 1, 0)), ("left", (-1, 0, 0), (0, 1, 0)),
+        ("Top", (0, 1, 0), (0, 0, -1)), ("bottom", (0, -1, 0), (0, 0, 1)),
         ("90:45", (0.5**0.5, 0.5**0.5, 0), (-(0.5**0.5), 0.5**0.5, 0)),
     ],
-)
+)  # fmt: skip
 def test_a_direction_says_where_the_light_stands(
     word: str, towards: tuple[float, ...], up: tuple[float, ...]
 ) -> None:

@@ -505,16 +505,10 @@ def test_thin_lines_that_the_start_misses_are_refused_with_a_size_that_does(
 @pytest.mark.parametrize(
     ("diameters", "drawn", "accept", "views"),
     [
-        (1.6, 0.85, (), 2),
-        (2.2, 0.6, (), 2),
-        (9.0, 0.6, (), 2),
-        (1.6, 0.6, ("unrecognisable",), 2),
-        (3.8, 0.85, (), 3),
-        (4.5, 0.6, (), 3),
-        (3.8, 0.6, ("unrecognisable",), 3),
-        (7.0, 0.6, (), 4),
+        (1.6, 0.85, (), 2), (2.2, 0.6, (), 2), (9.0, 0.6, (), 2), (1.6, 0.6, ("unrecognisable",), 2),
+        (3.8, 0.85, (), 3), (4.5, 0.6, (), 3), (3.8, 0.6, ("unrecognisable",), 3), (7.0, 0.6, (), 4),
     ],
-)
+)  # fmt: skip
 def test_others_are_searched(
     diameters: float, drawn: float, accept: tuple[str, ...], views: int
 ) -> None:

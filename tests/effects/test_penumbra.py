@@ -118,13 +118,10 @@ def effect(magnitude: float) -> Effect:
 @pytest.mark.parametrize(
     ("magnitude", "forced", "simulated", "warned"),
     [
-        (0.9, None, False, False),
-        (1.1, None, True, False),
-        (0.9, True, True, False),
-        (1.1, False, False, True),
-        (0.9, False, False, False),
+        (0.9, None, False, False), (1.1, None, True, False), (0.9, True, True, False),
+        (1.1, False, False, True), (0.9, False, False, False),
     ],
-)
+)  # fmt: skip
 def test_on_above_the_threshold_or_by_the_scenes_word(
     magnitude: float, forced: bool | None, simulated: bool, warned: bool
 ) -> None:

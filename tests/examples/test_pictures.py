@@ -129,14 +129,8 @@ SCRIPTS = [
     p for top in ("examples", "benchmarks", "paper") for p in sorted((ROOT / top).rglob("*.py"))
 ]
 OWN = (
-    "knotfab",
-    "knotfab_validators",
-    "knotfab_fixtures",
-    "examples",
-    "benchmarks",
-    "paper",
-    "tests",
-)
+    "knotfab", "knotfab_validators", "knotfab_fixtures", "examples", "benchmarks", "paper", "tests",
+)  # fmt: skip
 
 
 def list_imports(path: Path) -> list[tuple[str, str]]:

@@ -86,19 +86,11 @@ def test_a_printer_that_is_only_named_leaves_its_size_open() -> None:
 @pytest.mark.parametrize(
     "line",
     [
-        "nozzle_mm = 0",
-        "layer_height_mm = 0.0",
-        "layer_height_mm = 'auto'",
-        "supports = 1",
-        "supports = 'yes'",
-        "max_overhang_deg = 90.1",
-        "max_overhang_deg = -1",
-        "max_bridge_mm = -0.1",
-        "max_bridge_mm = true",
-        "max_support_cm3 = -1",
-        "max_support_cm3 = 'none'",
+        "nozzle_mm = 0", "layer_height_mm = 0.0", "layer_height_mm = 'auto'", "supports = 1",
+        "supports = 'yes'", "max_overhang_deg = 90.1", "max_overhang_deg = -1", "max_bridge_mm = -0.1",
+        "max_bridge_mm = true", "max_support_cm3 = -1", "max_support_cm3 = 'none'",
     ],
-)
+)  # fmt: skip
 def test_impossible_values_are_refused_on_both_sides(line: str) -> None:
     text = f"[printer]\n{line}"
     with pytest.raises(InputError, match=line.split()[0]):
@@ -303,15 +295,12 @@ def test_no_two_keys_have_one_option() -> None:
 @pytest.mark.parametrize(
     ("line", "mended"),
     [
-        ("size_mm = 200,5", "size_mm = 200.5"),
-        ("name = “mk4”", 'name = "mk4"'),
+        ("size_mm = 200,5", "size_mm = 200.5"), ("name = “mk4”", 'name = "mk4"'),
         (r'picture = "C:\Users\a.png"', r"picture = 'C:\Users\a.png'"),
-        ("size_mm = 200 mm", "size_mm = 200"),
-        ("lines = True", "lines = true"),
-        ("ink = dark", 'ink = "dark"'),
-        ("size_mm = –3", "size_mm = -3"),
+        ("size_mm = 200 mm", "size_mm = 200"), ("lines = True", "lines = true"),
+        ("ink = dark", 'ink = "dark"'), ("size_mm = –3", "size_mm = -3"),
     ],
-)
+)  # fmt: skip
 def test_the_remedy_is_the_line_as_it_should_be(line: str, mended: str) -> None:
     with pytest.raises(InputError, match="not valid TOML") as caught:
         parse_toml(f"[a]\n{line}\nb = 1\n", "scene.toml")

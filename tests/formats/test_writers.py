@@ -26,36 +26,24 @@ READERS = "Image", "webbrowser", "archive", "self.archive"  # their `open` write
 WITH_MODE = {"ZipFile", "TarFile", "fdopen"}
 IN_MEMORY = {"BytesIO", "StringIO"}
 
+STAGED = """base/folder.py:OutputFolder._probe base/folder.py:OutputFolder.write base/moves.py:move_all
+    base/moves.py:seal base/moves.py:sync part/files.py:_write_model part/files.py:write_stl
+    part/slicer_profile.py:write_profile part/write.py:write_glb pipeline/workshop.py:_draw
+    pipeline/workshop.py:Workshop.finish.draw_by_day render/pages.py:write_pages
+    render/part_picture.py:draw_part report/report.py:write_report_json
+    report/setup.py:write_setup"""
 ALLOWED = {
     "disk.py:write_whole": "the one",
     **dict.fromkeys(
-        [
-            *("base/folder.py:OutputFolder._probe", "base/folder.py:OutputFolder.write"),
-            *("base/moves.py:move_all", "base/moves.py:seal", "base/moves.py:sync"),
-            *("part/files.py:_write_model", "part/files.py:write_stl"),
-            *(
-                "part/slicer_profile.py:write_profile",
-                "pipeline/workshop.py:_draw",
-                "pipeline/workshop.py:Workshop.finish.draw_by_day",
-            ),
-            *(
-                "part/write.py:write_glb",
-                "render/pages.py:write_pages",
-                "report/setup.py:write_setup",
-            ),
-            "render/part_picture.py:draw_part",
-            "report/report.py:write_report_json",
-        ],
+        STAGED.split(),
         "inside a build's hidden folder, which mkdtemp makes in the one that the build fills",
     ),
     "service.py:_work_as_copy": "into a pipe",
     **dict.fromkeys(
-        [
-            "api.py:_file_of",
-            "part/slicer.py:slice_part",
-            "part/slicer_process.py:run_limited",
+        (
+            *("api.py:_file_of", "part/slicer.py:slice_part", "part/slicer_process.py:run_limited"),
             "pipeline/strangers.py:plain_arrays",
-        ],
+        ),
         "inside a temporary folder of its own",
     ),
     **dict.fromkeys(
@@ -123,72 +111,35 @@ def test_only_write_whole_opens_for_writing() -> None:
     assert set(ALLOWED) - found == set(), "allowed, and no longer there"
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        *(
-            "open(p, 'w')",
-            "open(p, mode='ab')",
-            "open(p, 'r+')",
-            "open(p, mode)",
-            "io.open(p, 'x')",
-        ),
-        *(
-            "p.open('wb')",
-            "p.open(mode='a')",
-            "p.open(m)",
-            "gzip.open(p, 'wt')",
-            "os.open(p, flags)",
-        ),
-        *("os.open(p, os.O_WRONLY | os.O_CREAT, 0o666)", "os.fdopen(h, 'w')", "p.touch()"),
-        *(
-            "p.write_text(t)",
-            "Path(n).write_bytes(b)",
-            "np.save(p, a)",
-            "np.savez(p, a=a)",
-            "a.tofile(p)",
-        ),
-        *(
-            "np.savetxt(p, a)",
-            "image.save(p)",
-            "image.convert('L').save(p, 'PNG')",
-            "figure.savefig(p)",
-        ),
-        *("plt.imsave(fname=p, arr=a)", "mesh.export(p)", "mesh.export(file_obj=p)", "PdfPages(p)"),
-        *("shutil.copy(a, b)", "shutil.copyfile(a, b)", "shutil.move(a, b)", "copytree(a, b)"),
-        *("zipfile.ZipFile(p, 'w')", "tarfile.open(p, 'w:gz')", "plotter.screenshot(filename=p)"),
-        *("plotter.screenshot(p)", "logging.FileHandler(p)"),
-    ],
-)
+def calls_in(text: str) -> list[str]:
+    """Part calls at semicolons that stand by themselves."""
+    return [call.strip() for call in text.replace("\n    ", " ").split(" ; ")]
+
+
+WRITERS = """
+    open(p, 'w') ; open(p, mode='ab') ; open(p, 'r+') ; open(p, mode) ; io.open(p, 'x') ; p.open('wb') ;
+    p.open(mode='a') ; p.open(m) ; gzip.open(p, 'wt') ; os.open(p, flags) ;
+    os.open(p, os.O_WRONLY | os.O_CREAT, 0o666) ; os.fdopen(h, 'w') ; p.touch() ; p.write_text(t) ;
+    Path(n).write_bytes(b) ; np.save(p, a) ; np.savez(p, a=a) ; a.tofile(p) ; np.savetxt(p, a) ;
+    image.save(p) ; image.convert('L').save(p, 'PNG') ; figure.savefig(p) ; plt.imsave(fname=p, arr=a) ;
+    mesh.export(p) ; mesh.export(file_obj=p) ; PdfPages(p) ; shutil.copy(a, b) ; shutil.copyfile(a, b) ;
+    shutil.move(a, b) ; copytree(a, b) ; zipfile.ZipFile(p, 'w') ; tarfile.open(p, 'w:gz') ;
+    plotter.screenshot(filename=p) ; plotter.screenshot(p) ; logging.FileHandler(p)"""
+
+
+@pytest.mark.parametrize("line", calls_in(WRITERS))
 def test_a_writer_is_found(line: str) -> None:
     assert find_writers(f"class A:\n def b(self):\n  if x: {line}") == {"A.b"}
     assert find_writers(line) == {""}
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        *(
-            "open(p)",
-            "open(p, 'rb')",
-            "p.open()",
-            "p.open('rb')",
-            "Image.open(p)",
-            "os.open(p, os.O_RDONLY)",
-        ),
-        *(
-            "image.save(io.BytesIO(), 'PNG')",
-            "f = io.BytesIO()\nfigure.savefig(f)",
-            "mesh.export(file_type='glb')",
-        ),
-        *(
-            "word.replace('a', 'b')",
-            "zipfile.ZipFile(p)",
-            "plotter.screenshot(return_img=True)",
-            "a.copy()",
-        ),
-        *("self.open()", "write_whole(p, b)"),
-    ],
-)
+READING = """
+    open(p) ; open(p, 'rb') ; p.open() ; p.open('rb') ; Image.open(p) ; os.open(p, os.O_RDONLY) ;
+    image.save(io.BytesIO(), 'PNG') ; f = io.BytesIO()\nfigure.savefig(f) ; mesh.export(file_type='glb')
+    ; word.replace('a', 'b') ; zipfile.ZipFile(p) ; plotter.screenshot(return_img=True) ; a.copy() ;
+    self.open() ; write_whole(p, b)"""
+
+
+@pytest.mark.parametrize("line", calls_in(READING))
 def test_reading_is_none(line: str) -> None:
     assert find_writers(line) == set()

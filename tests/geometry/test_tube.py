@@ -269,14 +269,10 @@ def test_fold_back_and_coincident_vertices_are_refused() -> None:
 @pytest.mark.parametrize(
     ("points", "radius", "sides"),
     [
-        (np.zeros((2, 3)), 1.0, 8),
-        (np.zeros((5, 2)), 1.0, 8),
-        (np.full((5, 3), np.nan), 1.0, 8),
-        (wiggle(30), 0.0, 8),
-        (wiggle(30), np.nan, 8),
-        (wiggle(30), 1.0, 2),
+        (np.zeros((2, 3)), 1.0, 8), (np.zeros((5, 2)), 1.0, 8), (np.full((5, 3), np.nan), 1.0, 8),
+        (wiggle(30), 0.0, 8), (wiggle(30), np.nan, 8), (wiggle(30), 1.0, 2),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_polyline_is_refused(points: Array, radius: float, sides: int) -> None:
     with pytest.raises(ValueError):
         sweep(points, radius, sides)

@@ -265,12 +265,8 @@ def test_a_bar_on_two_threads_sags_as_one_on_two_supports_whatever_its_direction
         )
         joints = np.concatenate([along, feet, feet]) @ way.T  # two posts meet at each foot
         ends = [
-            *([k, k + 1] for k in range(n - 1)),
-            [0, n],
-            [n - 1, n + 1],
-            [1, n + 2],
-            [n - 2, n + 3],
-        ]
+            *([k, k + 1] for k in range(n - 1)), [0, n], [n - 1, n + 1], [1, n + 2], [n - 2, n + 3],
+        ]  # fmt: skip
         thick = np.append(np.full(n - 1, radius), np.full(4, 1e-2 * radius))
         thick[-4:-2] = 5 * radius
         beams = round_beams(joints, np.array(ends), thick)

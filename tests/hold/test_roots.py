@@ -126,12 +126,9 @@ def draw(dark: Geometry) -> NDArray[np.bool_]:
 @pytest.mark.parametrize(
     ("dark", "suits"),
     [
-        (DISC, True),
-        (STROKE, False),
-        (APART, False),
-        (RING.difference(STROKE), False),
+        (DISC, True), (STROKE, False), (APART, False), (RING.difference(STROKE), False),
         (shapely.Point(0, 0).buffer(0.1), False),
     ],
-)
+)  # fmt: skip
 def test_roots_that_would_tell_the_picture_do_not_suit_it(dark: Geometry, suits: bool) -> None:
     assert suits_roots(draw(dark), 1.0) is suits

@@ -42,11 +42,8 @@ QUICK = PRESETS["draft"].model_copy(
 UNREAD = [f"--skip={name}" for name in (*KNOTS, *MESH, "tube", "clearance")]
 SIDE = 100.0
 SIZES: dict[str, tuple[float, float, float]] = {
-    "box": (SIDE,) * 3,
-    "cylinder": (SIDE, SIDE, SIDE),
-    "sphere": (SIDE,) * 3,
-    "mesh": (SIDE,) * 3,
-}
+    "box": (SIDE,) * 3, "cylinder": (SIDE, SIDE, SIDE), "sphere": (SIDE,) * 3, "mesh": (SIDE,) * 3,
+}  # fmt: skip
 
 
 def ring(n: int = 120) -> Array:

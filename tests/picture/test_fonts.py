@@ -93,15 +93,11 @@ def test_letters_in_colours_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked", "style"),
     [
-        ("DejaVu Sans Bold", "Bold"),
-        ("DejaVu Sans:style=Bold", "Bold"),
-        ("DejaVuSans-Bold", "Bold"),
-        ("DejaVu Sans:style=Bold Oblique", "Bold Oblique"),
-        ("DejaVu Serif:style=Italic", "Italic"),
-        ("DejaVu Sans:style=Nothing", None),
-        ("Nonsense Sans Bold", None),
+        ("DejaVu Sans Bold", "Bold"), ("DejaVu Sans:style=Bold", "Bold"), ("DejaVuSans-Bold", "Bold"),
+        ("DejaVu Sans:style=Bold Oblique", "Bold Oblique"), ("DejaVu Serif:style=Italic", "Italic"),
+        ("DejaVu Sans:style=Nothing", None), ("Nonsense Sans Bold", None),
     ],
-)
+)  # fmt: skip
 def test_a_style_is_found_by_its_name(asked: str, style: str | None) -> None:
     found = find_family(asked)
     assert (found is None) == (style is None)

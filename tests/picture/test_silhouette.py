@@ -252,17 +252,12 @@ def test_frames_invert(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "why"),
     [
-        ("empty", "no picture"),
-        ("one", "one picture"),
-        ("moving", "one picture"),
-        ("still.png", "one picture"),
-        ("many", "more than"),
-        ("sizes", "frame 2 is 64 x 64 px"),
-        ("blank", "2.png: it is all one colour"),
-        ("missing", "there is no such file"),
+        ("empty", "no picture"), ("one", "one picture"), ("moving", "one picture"),
+        ("still.png", "one picture"), ("many", "more than"), ("sizes", "frame 2 is 64 x 64 px"),
+        ("blank", "2.png: it is all one colour"), ("missing", "there is no such file"),
         ("pattern", "no picture"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_sequence_is_refused(tmp_path: Path, kind: str, why: str) -> None:
     source, gif = tmp_path, tmp_path / "film.gif"
     blank = Image.new("L", (64, 48), 255)

@@ -377,18 +377,14 @@ DONE = {
 MENDED = (
     page('<image href="http://example.org/a.png"/>' + SQUARE),
     page("<style>@import 'a.css';</style>" + SQUARE),
-    f'<?xml-stylesheet href="http://x/a.css"?>{page(SQUARE)}',
-    page(REFUSED["many steps"][0] + SQUARE),
-    page(f'<symbol id="one">{SQUARE}</symbol>'),
-    page(SQUARE, 'width="0" height="9"'),
+    f'<?xml-stylesheet href="http://x/a.css"?>{page(SQUARE)}', page(REFUSED["many steps"][0] + SQUARE),
+    page(f'<symbol id="one">{SQUARE}</symbol>'), page(SQUARE, 'width="0" height="9"'),
     page(SQUARE.replace("M20 20H80V80H20Z", "M120 120H180V180H120Z")),
-    page("<g>" * 101 + SQUARE + "</g>" * 101),
-    BOMB + "]>" + page(SQUARE + "<text>&i;</text>"),
+    page("<g>" * 101 + SQUARE + "</g>" * 101), BOMB + "]>" + page(SQUARE + "<text>&i;</text>"),
     f'<?xml version="1.0" encoding="klingon"?>{page(SQUARE)}',
-    page(SQUARE.replace("<path", "<path a='1' a='2'")),
-    page(MULTIPLIED),
+    page(SQUARE.replace("<path", "<path a='1' a='2'")), page(MULTIPLIED),
     f"<html>{SQUARE.replace('80', '8').replace('20', '2')}</html>",
-)
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("text", MENDED, ids=lambda text: text[-60:])

@@ -30,11 +30,8 @@ def check_block(target: Target, *, size: tuple[int, int] = (SIDE, SIDE // 2)) ->
     assert (target.width, target.height) == size
     rows, columns = target.mask.any(axis=1).nonzero()[0], target.mask.any(axis=0).nonzero()[0]
     edges = [
-        columns[0] / SIDE,
-        (columns[-1] + 1) / SIDE,
-        2 * rows[0] / SIDE,
-        2 * (rows[-1] + 1) / SIDE,
-    ]
+        columns[0] / SIDE, (columns[-1] + 1) / SIDE, 2 * rows[0] / SIDE, 2 * (rows[-1] + 1) / SIDE,
+    ]  # fmt: skip
     assert edges == pytest.approx([1 / 8, 5 / 8, 1 / 4, 3 / 4], abs=4e-3)
 
 

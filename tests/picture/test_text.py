@@ -84,13 +84,10 @@ def test_text_with_a_variation_selector_or_another_font() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no visible character"),
-        ("   ", "no visible character"),
-        ("\ufe0f", "no visible character"),
-        ("a\nb", "several lines"),
-        ("x" * 300, "300 characters"),
+        ("", "no visible character"), ("   ", "no visible character"), ("\ufe0f", "no visible character"),
+        ("a\nb", "several lines"), ("x" * 300, "300 characters"),
     ],
-)
+)  # fmt: skip
 def test_text_that_cannot_be_drawn(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         read_target(f"text:{text}")

@@ -195,15 +195,12 @@ def test_lamps_that_switch_have_a_picture_each(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lamps", "pictures", "why"),
     [
-        ("rgb", ("black",), "it is grey"),
-        ("rgb", ("red", "red"), "2 pictures"),
-        ("red+red", ("red",), "names red twice"),
-        ("red+mauve", ("red",), "'mauve' is no lamp"),
-        ("red", ("red",), "this is 1"),
-        ("switch", ("red",), "1 is given"),
+        ("rgb", ("black",), "it is grey"), ("rgb", ("red", "red"), "2 pictures"),
+        ("red+red", ("red",), "names red twice"), ("red+mauve", ("red",), "'mauve' is no lamp"),
+        ("red", ("red",), "this is 1"), ("switch", ("red",), "1 is given"),
         ("red+magenta+yellow+white+cyan+amber", ("red",), "5 at most"),
     ],
-)
+)  # fmt: skip
 def test_what_lamps_cannot_show_is_refused(
     lamps: str, pictures: tuple[str, ...], why: str, tmp_path: Path
 ) -> None:

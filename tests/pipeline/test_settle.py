@@ -376,12 +376,8 @@ def test_the_first_line_says_what_is_not_as_the_preview_told_and_why(
     scene = resolve(Scene(mount=plate, piece=Piece(printed=True)))
     longer = tell_unlike_preview(promise, report_with(print=printed), scene, 2.0)
     again = {
-        "what": "search",
-        "seconds": 1.0,
-        "cpu_s": 1.0,
-        "outcome": "",
-        "why_next": "a leg sways",
-    }
+        "what": "search", "seconds": 1.0, "cpu_s": 1.0, "outcome": "", "why_next": "a leg sways",
+    }  # fmt: skip
     built = report_with(print=printed, attempts=[again], warnings=longer)
     swaying = tell_unlike_preview(promise, built, scene, 2.0)
     assert bool(longer) == bool(swaying) == (told is not None)

@@ -28,108 +28,75 @@ from knotfab_formats.errors import KnotfabError
 pytestmark = pytest.mark.slow  # most read and survey pictures twice
 HERE = Path(__file__).parents[2] / "examples"
 Options = dict[str, Any]
-# what is typed after `knotfab build`, and what a person may give to an option that is named without a value
-REFUSED: dict[str, Options] = {
-    "cat.png --print --max-hours 4.5": {},
-    "cat.png --print --max-grams 25": {},
-    "heart.png --print --max-grams 30 --tube-radius 2": {},
-    "heart.png --print --supports none --size 600": {},
-    "heart.png --size 100 --width 90": {},
-    "heart.png --width 100 --height 300": {},
-    "heart.png --size 100000": {"size": 300},
-    "walk/01.png walk/02.png --no-loop": {},
-    "heart.png --time-budget 1": {},
-    "heart.png --time-budget never": {},
-    "heart.png --max-hours never": {},
-    "heart.png --width 0": {},
-    "heart.png --width far": {},
-    "heart.png --wall-distance 0": {},
-    "heart.png --lamp-distance 0": {},
-    "heart.png --lamp-distance far": {},
-    "heart.png --tube-radius 1e9": {},
-    "heart.png --bend abc": {},
-    "heart.png --threshold abc": {},
-    "heart.png --effect sag=maybe": {},
-    "heart.png --directions front,side": {},
-    "heart.png teapot.png --directions front": {},
-    "heart.png --font Arial": {},
-    "text:Hi --font NoSuchFont": {},
-    "heart.png --lamps rgb": {},
-    "walk/01.png walk/02.png --sequence --lamps rgb": {},
-    "badge.png teapot.png --lamps rgb": {},
-    "badge.png --lamps switch": {},
-    "badge.png --lamps red": {},
-    "badge.png --lamps rgb --plate roots": {},
-    "badge.png --lamps rgb --supports none": {},
-    "badge.png --lamps rgb --mount wall": {},
-    "badge.png --lamps rgb --free view": {},
-    "heart.png --nozzle 3": {},
-    "heart.png --nozzle 0.6 --printer form-3": {},
-    "heart.png --nozzle 0.6 --printer hp-mjf": {},
-    "heart.png --printer form-3 --material pla": {},
-    "heart.png --material resin": {},
-    "heart.png --printer prusa-mk5": {"printer": "prusa-mk4"},
-    "heart.png --device cuda": {},
-    "heart.png --bend 3": {},
-    "heart.png --mount wall --supports none": {},
-    "heart.png --mount stand --supports none": {},
-    "heart.png --plate pegs --supports none": {},
-    "heart.png --depth flat --supports none": {},
-    "heart.png --supports none --printer form-3": {},
-    "heart.png --plate roots --printer form-3": {},
-    "heart.png --plate rounded --printer hp-mjf": {},
-    "heart.png teapot.png --plate roots": {},
-    "heart.png teapot.png --supports none": {},
-    "heart.png teapot.png --depth 20": {},
-    "heart.png teapot.png --mount wall": {},
-    "heart.png teapot.png --lines on": {},
-    "heart.png teapot.png --size 2000": {},
-    "heart.png --plate roots --mount stand": {},
-    "heart.png --plate rounded --depth flat": {},
-    "heart.png --plate rounded --free view": {},
-    "heart.png --plate rounded --size 300": {},
-    "heart.png --mount stand --plate rounded": {},
-    "heart.png --mount stand --plate none --supports none": {},
-    "walk/01.png walk/02.png --sequence --lines on": {},
-    "heart.png --tube-radius 0.6": {"printer": "form-3"},
-    "heart.png --thicken 200": {},
-    "ring.png --lines on --thicken 3 --tube-radius 4": {},
-    "heart.png --ink alpha": {},
-    "heart.png --crop 0,0,9000,9000": {},
-    "pale.png": {},
-    "flag.png": {},
-    "heart.png --start kept.json --free view": {},
-    "heart.png --start kept.json --knot trefoil": {},
-    "walk/01.png walk/02.png --sequence --start kept.json": {},
-    "walk/01.png walk/02.png --sequence --knots 9": {},
-    "fine.png --size 45": {},
-    "fine.png --size 45 --tube-radius 3": {},
-    "many.png": {},
-    "dot.png --size 6": {},
-    "dot.png --size 20 --tube-radius 4": {},
-    "leap/ --sequence": {},
-    "heart.png --mount stand --wall-distance 20": {},
-    "heart.png --mount stand --scene at-60.toml": {},
-    "heart.png --mount stand --scene at-80.toml": {},
-    "heart.png --mount stand --scene at-90.toml": {},
-    "heart.png --mount hang --wall-distance 20 --supports none": {},
-    "text:Hi --mount hang --supports none": {},
+# what is typed after `knotfab build`: pictures, and the options of each call with them
+REFUSED: dict[str, str] = {
+    "cat.png": "--print --max-hours 4.5 | --print --max-grams 25",
+    "heart.png": """
+        --print --max-grams 30 --tube-radius 2 | --print --supports none --size 600 |
+        --size 100 --width 90 | --width 100 --height 300 | --size 100000 | --time-budget 1 |
+        --time-budget never | --max-hours never | --width 0 | --width far | --wall-distance 0 |
+        --lamp-distance 0 | --lamp-distance far | --tube-radius 1e9 | --bend abc | --threshold abc |
+        --effect sag=maybe | --directions front,side | --font Arial | --lamps rgb | --nozzle 3 |
+        --nozzle 0.6 --printer form-3 | --nozzle 0.6 --printer hp-mjf | --printer form-3 --material pla |
+        --material resin | --printer prusa-mk5 | --device cuda | --bend 3 | --mount wall --supports none |
+        --mount stand --supports none | --plate pegs --supports none | --depth flat --supports none |
+        --supports none --printer form-3 | --plate roots --printer form-3 |
+        --plate rounded --printer hp-mjf | --plate roots --mount stand | --plate rounded --depth flat |
+        --plate rounded --free view | --plate rounded --size 300 | --mount stand --plate rounded |
+        --mount stand --plate none --supports none | --tube-radius 0.6 | --thicken 200 | --ink alpha |
+        --crop 0,0,9000,9000 | --start kept.json --free view | --start kept.json --knot trefoil |
+        --mount stand --wall-distance 20 | --mount stand --scene at-60.toml |
+        --mount stand --scene at-80.toml | --mount stand --scene at-90.toml |
+        --mount hang --wall-distance 20 --supports none""",
+    "walk/01.png walk/02.png": """
+        --no-loop | --sequence --lamps rgb | --sequence --lines on | --sequence --start kept.json |
+        --sequence --knots 9""",
+    "heart.png teapot.png": """
+        --directions front | --plate roots | --supports none | --depth 20 | --mount wall | --lines on |
+        --size 2000""",
+    "text:Hi": "--font NoSuchFont | --mount hang --supports none",
+    "badge.png teapot.png": "--lamps rgb",
+    "badge.png": """
+        --lamps switch | --lamps red | --lamps rgb --plate roots | --lamps rgb --supports none |
+        --lamps rgb --mount wall | --lamps rgb --free view""",
+    "ring.png": "--lines on --thicken 3 --tube-radius 4",
+    "pale.png": "",
+    "flag.png": "",
+    "fine.png": "--size 45 | --size 45 --tube-radius 3",
+    "many.png": "",
+    "dot.png": "--size 6 | --size 20 --tube-radius 4",
+    "leap/": "--sequence",
 }
 # and what is refused once a build has begun, before or between its searches
-REFUSED_LATE: dict[str, Options] = {
+REFUSED_LATE: dict[str, str] = {
+    "heart.png": """
+        --depth 220 | --depth 500 --wall-distance 300 | --depth 160 --lamp-distance 75 | --tube-radius 110
+        | --print --plate rounded --wall-distance 3 | --print --plate pegs --wall-distance 3 |
+        --knot 8_19 --tube-radius 8 --size 80""",
+    "heart.png teapot.png": """
+        --knot 8_19 --tube-radius 14 | --tube-radius 16 --size 90 | --knots 12 --tube-radius 6 --size 90""",
+    "teapot.png": "--lines on | --lines on --thicken 10 --supports none",
+}
+# what a person may give to an option that a refusal names without a value
+GIVEN: dict[str, Options] = {
+    "heart.png --size 100000": {"size": 300},
+    "heart.png --printer prusa-mk5": {"printer": "prusa-mk4"},
+    "heart.png --tube-radius 0.6": {"printer": "form-3"},
     "heart.png --depth 220": {"wall-distance": 300},
-    "heart.png --depth 500 --wall-distance 300": {},
     "heart.png --depth 160 --lamp-distance 75": {"lamp-distance": 500},
-    "heart.png --tube-radius 110": {},
-    "heart.png --print --plate rounded --wall-distance 3": {},
     "heart.png --print --plate pegs --wall-distance 3": {"wall-distance": 60, "tube-radius": 1},
     "heart.png --knot 8_19 --tube-radius 8 --size 80": {"tube-radius": 3},
     "heart.png teapot.png --knot 8_19 --tube-radius 14": {"tube-radius": 4},
     "heart.png teapot.png --tube-radius 16 --size 90": {"tube-radius": 3},
     "heart.png teapot.png --knots 12 --tube-radius 6 --size 90": {"tube-radius": 2},
     "teapot.png --lines on": {"thicken": 12},
-    "teapot.png --lines on --thicken 10 --supports none": {},
 }
+
+
+def calls(table: dict[str, str]) -> list[str]:
+    """List the calls of a table."""
+    each = ((pictures, " ".join(text.split()).split(" | ")) for pictures, text in table.items())
+    return [f"{pictures} {options}".strip() for pictures, many in each for options in many]
 
 
 def parse(words: str) -> tuple[list[str], Options]:
@@ -254,7 +221,7 @@ DEAR = (
 
 
 @pytest.mark.parametrize(
-    "words", [pytest.param(w, marks=[pytest.mark.study] * (w in DEAR)) for w in REFUSED]
+    "words", [pytest.param(w, marks=[pytest.mark.study] * (w in DEAR)) for w in calls(REFUSED)]
 )
 def test_what_a_refusal_suggests_does(
     words: str, drawn: Path, monkeypatch: pytest.MonkeyPatch
@@ -276,23 +243,25 @@ def test_what_a_refusal_suggests_does(
         patch.setattr(prepare, "_survey", reach)
         error = refuse(pictures, asked)
         if error is not None:
-            _try_each(error, pictures, asked, REFUSED[words])
+            _try_each(error, pictures, asked, GIVEN.get(words, {}))
     if error is None:
         error = refuse(pictures, asked)
         assert error is not None
-        _try_each(error, pictures, asked, REFUSED[words])
+        _try_each(error, pictures, asked, GIVEN.get(words, {}))
 
 
-@pytest.mark.parametrize("words", REFUSED_LATE)
+@pytest.mark.parametrize("words", calls(REFUSED_LATE))
 def test_what_a_refusal_within_a_build_suggests_does(words: str) -> None:
     names, asked = parse(words)
     pictures = [str(HERE / name) for name in names]
     error = refuse_late(pictures, asked)
     assert error is not None
-    _try_each(error, pictures, asked, REFUSED_LATE[words], refuse_late)
+    _try_each(error, pictures, asked, GIVEN.get(words, {}), refuse_late)
 
 
-@pytest.mark.parametrize("words", [w for w in REFUSED_LATE if w.startswith("heart.png teapot")])
+@pytest.mark.parametrize(
+    "words", [w for w in calls(REFUSED_LATE) if w.startswith("heart.png teapot")]
+)
 def test_a_preview_refuses_as_the_build_would(words: str) -> None:
     names, asked = parse(words)
     pictures = [str(HERE / name) for name in names]

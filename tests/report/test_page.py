@@ -162,13 +162,10 @@ def test_a_key_too_few_is_refused(section: str) -> None:
 @pytest.mark.parametrize(
     ("states", "code"),
     [
-        ([("pass", True), ("fail", False)], 0),
-        ([("pass", True), ("skipped", False)], 0),
-        ([("pass", True), ("skipped", True)], 3),
-        ([("skipped", True), ("fail", True)], 1),
-        ([], 0),
+        ([("pass", True), ("fail", False)], 0), ([("pass", True), ("skipped", False)], 0),
+        ([("pass", True), ("skipped", True)], 3), ([("skipped", True), ("fail", True)], 1), ([], 0),
     ],
-)
+)  # fmt: skip
 def test_the_rule_of_what_passes(states: list[tuple[str, bool]], code: int) -> None:
     """A skipped check proves nothing; one that is not required decides nothing."""
     checks = [check_of(f"c{k}", s, needed) for k, (s, needed) in enumerate(states)]

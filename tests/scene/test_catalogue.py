@@ -234,16 +234,13 @@ def test_a_file_may_lie_anywhere(own: Path, tmp_path: Path) -> None:
         ("nozzle_mm = 0.4\n", r"it lacks build_volume_mm, min_tube_radius_mm\. Add .*\[250"),
         (PRINTER.replace("nozzle_mm", "nozle_mm"), r"no key 'nozle_mm'\. Did you mean 'nozzle_mm'"),
         (PRINTER.replace("0.6", '"0.6 mm"'), r"nozzle_mm is \"0\.6 mm\".*Write nozzle_mm = 0\.6"),
-        (
-            PRINTER.replace("0.6", "-0.6"),
-            r"nozzle_mm is -0\.6, but must be a number not less than 0",
-        ),
+        (PRINTER.replace("0.6", "-0.6"), r"nozzle_mm is -0\.6, but must be a number not less than 0"),
         (PRINTER.replace("300, 300, 400", "300, 300"), r"build_volume_mm"),
         (PRINTER + 'name = "x"\n', r"named after its file\. Leave name out"),
         (PRINTER + "density_g_cm3 = 1.2\n", r"no key 'density_g_cm3'\. It belongs in \[material\]"),
         ("nozzle_mm = ", r"not valid TOML.*line 1"),
     ],
-)
+)  # fmt: skip
 def test_errors_name_file_key_and_remedy(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)

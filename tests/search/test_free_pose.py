@@ -286,13 +286,9 @@ def test_the_network_finds_the_view_along(problem: Problem, method: str, least: 
 
 
 TINY = {
-    **QUICK.model_dump(),
-    "coarse_iterations": 8,
-    "fine_iterations": 6,
-    "settle_iterations": 20,
-    "radius_candidates": 2,
-    "free_view": True,
-}
+    **QUICK.model_dump(), "coarse_iterations": 8, "fine_iterations": 6, "settle_iterations": 20,
+    "radius_candidates": 2, "free_view": True,
+}  # fmt: skip
 
 
 @pytest.mark.build

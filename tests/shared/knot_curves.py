@@ -175,13 +175,9 @@ TREFOIL = (1, 1, 1)
 
 
 WORDS = [
-    *[
-        tuple(np.random.default_rng(s).choice([-3, -2, -1, 1, 2, 3], 14).tolist())
-        for s in range(24)
-    ],
-    TREFOIL,
-    (1, 1, 1, -2, -1, -1, -1, -2),
-]
+    *[tuple(np.random.default_rng(s).choice([-3, -2, -1, 1, 2, 3], 14).tolist()) for s in range(24)],
+    TREFOIL, (1, 1, 1, -2, -1, -1, -1, -2),
+]  # fmt: skip
 
 
 def diagram(*polygons: Array) -> PlanarDiagram:

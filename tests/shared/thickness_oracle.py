@@ -229,18 +229,10 @@ def _rods(rng: Random) -> Polygons:
 
 
 KINDS: dict[str, Callable[[Random], Polygons]] = {
-    "regular": _regular,
-    "stacked": _stack,
-    "zigzag": _zigzag,
-    "slit": _slit,
-    "lattice": _lattice,
-    "planar": lambda rng: [_flat(rng)],
-    "gaussian": _gaussian,
-    "smooth": _smooth,
-    "bends": _bends,
-    "touching": _touching,
-    "rods": _rods,
-}
+    "regular": _regular, "stacked": _stack, "zigzag": _zigzag, "slit": _slit, "lattice": _lattice,
+    "planar": lambda rng: [_flat(rng)], "gaussian": _gaussian, "smooth": _smooth, "bends": _bends,
+    "touching": _touching, "rods": _rods,
+}  # fmt: skip
 
 
 def place(polygons: Polygons, rng: Random) -> Polygons:

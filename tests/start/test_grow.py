@@ -213,14 +213,10 @@ def test_pieces_are_bridged_where_it_shows_least() -> None:
 @pytest.mark.parametrize(
     ("pictures", "knots", "reason"),
     [
-        (
-            (MultiPolygon([box(-30, -40, 30, -10)]), MultiPolygon([box(-30, 10, 30, 40)])),
-            None,
-            "at once",
-        ),
+        ((MultiPolygon([box(-30, -40, 30, -10)]), MultiPolygon([box(-30, 10, 30, 40)])), None, "at once"),
         ((MultiPolygon([box(-9, -9, 9, 9)]), SQUARE), 60, "has room for"),
     ],
-)
+)  # fmt: skip
 def test_what_has_no_start_says_why(
     pictures: tuple[MultiPolygon, ...], knots: int | None, reason: str
 ) -> None:

@@ -208,15 +208,11 @@ def test_every_failure_has_its_sentence(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("measured", "limit", "low", "high"),
     [
-        (1.0, 2.0, "fail", "pass"),
-        (2.0, 2.0, "pass", "pass"),
-        (3.0, 2.0, "pass", "fail"),
-        (math.nan, 2.0, "fail", "fail"),
-        (1.0, math.nan, "fail", "fail"),
-        (1.0, None, "pass", "pass"),
+        (1.0, 2.0, "fail", "pass"), (2.0, 2.0, "pass", "pass"), (3.0, 2.0, "pass", "fail"),
+        (math.nan, 2.0, "fail", "fail"), (1.0, math.nan, "fail", "fail"), (1.0, None, "pass", "pass"),
         (math.nan, None, "fail", "fail"),
     ],
-)
+)  # fmt: skip
 def test_a_limit_is_kept_or_not(measured: float, limit: float | None, low: str, high: str) -> None:
     assert at_least("x", measured, limit, "mm", "").status == low
     assert at_most("x", measured, limit, "mm", "").status == high

@@ -381,12 +381,9 @@ def test_what_cannot_be_carried_stays_where_it_is_certified(
 @pytest.mark.parametrize(
     ("reached", "told"),
     [
-        (1.0, "its samples"),
-        (0.9996, "99.9% of the way"),
-        (0.7, "70.0% of the way"),
-        (0.0, "certified"),
+        (1.0, "its samples"), (0.9996, "99.9% of the way"), (0.7, "70.0% of the way"), (0.0, "certified"),
     ],
-)
+)  # fmt: skip
 def test_what_is_not_all_of_the_way_is_not_told_as_all(reached: float, told: str) -> None:
     way = Carried(np.zeros((3, 3)), reached, 12 if reached else 0, 3, 0.1)
     said = network_search._describe(way, 1)

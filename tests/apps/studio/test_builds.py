@@ -123,14 +123,8 @@ def test_how_a_picture_is_read_ends_with_it(runs: Path, tmp_path: Path) -> None:
 
 def test_one_odd_build_leaves_the_others(runs: Path, tmp_path: Path) -> None:
     odd = [
-        "[1]",
-        "5",
-        '{"rows": 7}',
-        '{"verdict": "good"}',
-        '{"rows": [{"text": 3}]}',
-        "{",
-        "[" * 10**5,
-    ]
+        "[1]", "5", '{"rows": 7}', '{"verdict": "good"}', '{"rows": [{"text": 3}]}', "{", "[" * 10**5,
+    ]  # fmt: skip
     odd += ['{"verdict": {"word": 1}}', "\ud800", '{"rows": [{"name": NaN}]}']
     builds = tmp_path / "studio" / "builds"
     for k, text in enumerate(odd):

@@ -329,21 +329,15 @@ def test_a_build_that_is_killed_fails_or_is_refused(client: TestClient, tmp_path
         ({"scene": "/etc/passwd"}, "there is none of that name"),
         ({"printer": "../../etc/passwd"}, "not known"),
         ({"size": -3}, "Longer side on the wall: This is not above 0. Give millimetres from 0.001"),
-        ({"plate": "round"}, "Plate: "),
-        ({"smooth": "much"}, "Smooth: This is no number"),
-        ({"tube_radius": 2}, "there is none of that name"),
-        ({"size": [1]}, "there is none of that name"),
-        ({"size": "abc"}, "no length"),
-        ({"size": 10**50}, "up to 100000, such as 200."),
-        ({"size": "9" * 5000}, "no more than 60"),
-        ({"wall_distance": 0}, "Piece to wall"),
+        ({"plate": "round"}, "Plate: "), ({"smooth": "much"}, "Smooth: This is no number"),
+        ({"tube_radius": 2}, "there is none of that name"), ({"size": [1]}, "there is none of that name"),
+        ({"size": "abc"}, "no length"), ({"size": 10**50}, "up to 100000, such as 200."),
+        ({"size": "9" * 5000}, "no more than 60"), ({"wall_distance": 0}, "Piece to wall"),
         ({"lamp_distance": "3 parsec"}, "There is no unit parsec"),
-        ({"crop": "1,2,3"}, "left, top, width and height"),
-        ({"font": "/etc/passwd"}, "not known"),
-        ({"print": "perhaps"}, "neither on nor off"),
-        ({"sequence": True}, "there is none of that name"),
+        ({"crop": "1,2,3"}, "left, top, width and height"), ({"font": "/etc/passwd"}, "not known"),
+        ({"print": "perhaps"}, "neither on nor off"), ({"sequence": True}, "there is none of that name"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_setting_changes_nothing(
     client: TestClient, given: dict[str, Any], why: str
 ) -> None:

@@ -283,12 +283,8 @@ BOX = box((0.0, 0, 0), (4, 4, 4))
 TUBE = Mesh(*tube(trefoil(60, 4.0), 1.5, 12))
 OVERLAPPING = Mesh(*tube(trefoil(60, 4.0), 4.0, 12))  # the tube meets itself: 2 and more inside
 SURFACES = {
-    "box": BOX,
-    "hollow": together(box((0, 0, 0), (10, 10, 10)), inward(box((3, 3, 3), (7, 7, 7)))),
-    "tube": TUBE,
-    "overlapping": OVERLAPPING,
-    "inside out": inward(TUBE),
-    "doubled": together(BOX, BOX),
+    "box": BOX, "hollow": together(box((0, 0, 0), (10, 10, 10)), inward(box((3, 3, 3), (7, 7, 7)))),
+    "tube": TUBE, "overlapping": OVERLAPPING, "inside out": inward(TUBE), "doubled": together(BOX, BOX),
     "touching in a face": together(BOX, box((4, 0, 0), (8, 4, 4))),
     "touching in an edge": together(BOX, box((4, 4, 0), (8, 8, 4))),
     "a hair apart": together(BOX, box((4 + 1e-9, 0, 0), (8, 4, 4))),
@@ -298,7 +294,7 @@ SURFACES = {
     "one face twice": Mesh(TUBE.vertices, np.concatenate([TUBE.faces, TUBE.faces[:1]])),
     "flat faces": Mesh(BOX.vertices, np.concatenate([BOX.faces, [[0, 1, 0], [1, 0, 1]]])),
     "slivers": together(BOX, box((1, 1, 1), (3, 3, 1 + 1e-7))),
-}
+}  # fmt: skip
 
 
 def _exact(points: Array, mesh: Mesh) -> Array:

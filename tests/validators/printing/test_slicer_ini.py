@@ -17,53 +17,30 @@ from knotfab_validators.files.scene import parse_scene
 from knotfab_validators.printing.slicer_ini import check_slicer_ini, read_wall_mm
 
 SCENES: dict[str, dict[str, object]] = {
-    "bare": {},
-    "without supports": {"piece": {"supports": "none"}},
+    "bare": {}, "without supports": {"piece": {"supports": "none"}},
     "in a plate": {"mount": {"kind": "wall", "plate": "full"}},
     "a thick tube": {"piece": {"tube_radius_mm": 3.0, "supports": "none"}},
     "another printer": {"printer": {"name": "prusa-mini"}, "material": {"name": "petg"}},
-    "shrinking": {
-        "material": {"shrinkage_percent": 2.0},
-        "mount": {"kind": "wall", "plate": "full"},
-    },
-}
+    "shrinking": {"material": {"shrinkage_percent": 2.0}, "mount": {"kind": "wall", "plate": "full"}},
+}  # fmt: skip
 CHANGE = "before_layer_gcode = G92 E0\\n{if layer_num == 8}M600{endif}"
 # an edit of the file: what is replaced, by what, and what is said
 EDITS = {
-    "strings": (
-        "gap_fill_enabled = 0",
-        "gap_fill_enabled = 1",
-        "gap_fill_enabled is 1, and by the scene 0",
-    ),
-    "script": (
-        "post_process = ",
-        "post_process = evil.sh",
-        "post_process is evil.sh, and by the scene",
-    ),
-    "layers": (
-        "layer_height = 0.2",
-        "layer_height = 0.35",
-        "layer_height is 0.35, and by the scene 0.2",
-    ),
+    "strings": ("gap_fill_enabled = 0", "gap_fill_enabled = 1",
+        "gap_fill_enabled is 1, and by the scene 0"),
+    "script": ("post_process = ", "post_process = evil.sh", "post_process is evil.sh, and by the scene"),
+    "layers": ("layer_height = 0.2", "layer_height = 0.35", "layer_height is 0.35, and by the scene 0.2"),
     "supports": ("support_material = 1", "support_material = 0", "support_material is 0"),
     "G-code": ("end_gcode = M84", "end_gcode = M84\\nM104 S300", "end_gcode is M84"),
-    "M600 elsewhere": (
-        "before_layer_gcode = G92 E0",
-        CHANGE.replace("8", "9"),
-        "before_layer_gcode is",
-    ),
+    "M600 elsewhere": ("before_layer_gcode = G92 E0", CHANGE.replace("8", "9"), "before_layer_gcode is"),
     "M600 without a plate": ("before_layer_gcode = G92 E0", CHANGE, "before_layer_gcode is"),
-    "another key": (
-        "thumbnails = ",
-        "thumbnails = \nraft_layers = 3",
-        "raft_layers = 3 is none of",
-    ),
+    "another key": ("thumbnails = ", "thumbnails = \nraft_layers = 3", "raft_layers = 3 is none of"),
     "twice": ("perimeters = 2", "perimeters = 2\nperimeters = 2", "perimeters = 2 is none of"),
     "one loop": ("perimeters = 2", "perimeters = 1", "perimeters is 1, and by the scene 2"),
     "no key": ("perimeters = 2", "", "perimeters is missing"),
     "a full tube's": ("perimeter_extrusion_width = 0.45", "", "top_solid_layers = 3 is none of"),
     "no setting": ("perimeters = 2", "perimeters = 2\n[other]", "[other] is none of"),
-}
+}  # fmt: skip
 
 
 def write(folder: Path, **asked: object) -> tuple[object, Path]:
@@ -103,13 +80,10 @@ def test_each_setting_that_differs_is_told(case: str, tmp_path: Path) -> None:
 
 # radius and nozzle, and the loops and the width of the inner ones
 WALLS = {
-    "a common tube": (1.66, 0.4, 2, 0.45),
-    "as wide as loops get": (2.19, 0.4, 2, 0.644),
-    "a loop more": (2.3, 0.4, 3, 0.45),
-    "a thick tube": (5.0, 0.4, 5, 0.53),
-    "a wide nozzle": (3.0, 0.6, 2, 0.808),
-    "all wall": (0.8, 0.4, 2, 0.45),
-}
+    "a common tube": (1.66, 0.4, 2, 0.45), "as wide as loops get": (2.19, 0.4, 2, 0.644),
+    "a loop more": (2.3, 0.4, 3, 0.45), "a thick tube": (5.0, 0.4, 5, 0.53),
+    "a wide nozzle": (3.0, 0.6, 2, 0.808), "all wall": (0.8, 0.4, 2, 0.45),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", WALLS)

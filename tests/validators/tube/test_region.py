@@ -25,17 +25,13 @@ from knotfab_validators.tube.region import check_build_volume, check_region, mea
 @pytest.mark.parametrize(
     ("kind", "size", "excess"),
     [
-        ("box", (86.0, 86.0, 6.0), 0.0),
-        ("box", (90.0, 90.0, 8.0), -1.0),
-        ("box", (90.0, 84.0, 8.0), 1.0),
-        ("box", (90.0, 90.0, 5.0), 0.5),
-        ("sphere", (84.0, 84.0, 84.0), 1.0),
-        ("sphere", (90.0, 90.0, 90.0), -2.0),
-        ("cylinder", (90.0, 80.0, 90.0), 3.0),
-        ("cylinder", (80.0, 90.0, 80.0), 3.0),
+        ("box", (86.0, 86.0, 6.0), 0.0), ("box", (90.0, 90.0, 8.0), -1.0),
+        ("box", (90.0, 84.0, 8.0), 1.0), ("box", (90.0, 90.0, 5.0), 0.5),
+        ("sphere", (84.0, 84.0, 84.0), 1.0), ("sphere", (90.0, 90.0, 90.0), -2.0),
+        ("cylinder", (90.0, 80.0, 90.0), 3.0), ("cylinder", (80.0, 90.0, 80.0), 3.0),
         ("cylinder", (90.0, 90.0, 90.0), -2.0),
     ],
-)
+)  # fmt: skip
 def test_the_excess_is_exact(kind: str, size: tuple[float, float, float], excess: float) -> None:
     check = check_region(Region(kind=kind, size_mm=size), None, KNOT)
     assert check.detail.startswith(f"how far the tube sticks out of the {kind}")
@@ -83,21 +79,13 @@ def test_the_detail_names_the_place_that_sticks_out() -> None:
 @pytest.mark.parametrize(
     ("shift", "status"),
     [
-        ((0.0, 0.0, 0.0), "pass"),
-        ((4.0, 4.0, 4.0), "pass"),
-        ((-0.0005, 0.0, 0.0), "pass"),
-        ((-0.01, 0.0, 0.0), "fail"),
-        ((0.0, 0.0, -20.0), "fail"),
-        ((0.0, 14.01, 0.0), "fail"),
-        ((0.0, 14.00098, 0.0), "pass"),
-        ((0.0, 14.00102, 0.0), "fail"),
-        ((14.1, 0.0, 0.0), "fail"),
-        ((0.0, 0.0, -0.1), "fail"),
-        ((0.0, 0.0, 44.0), "pass"),
-        ((0.0, 0.0, 44.1), "fail"),
+        ((0.0, 0.0, 0.0), "pass"), ((4.0, 4.0, 4.0), "pass"), ((-0.0005, 0.0, 0.0), "pass"),
+        ((-0.01, 0.0, 0.0), "fail"), ((0.0, 0.0, -20.0), "fail"), ((0.0, 14.01, 0.0), "fail"),
+        ((0.0, 14.00098, 0.0), "pass"), ((0.0, 14.00102, 0.0), "fail"), ((14.1, 0.0, 0.0), "fail"),
+        ((0.0, 0.0, -0.1), "fail"), ((0.0, 0.0, 44.0), "pass"), ((0.0, 0.0, 44.1), "fail"),
         ((np.nan, 0.0, 0.0), "fail"),
     ],
-)
+)  # fmt: skip
 def test_the_part_lies_on_the_printers_bed(shift: tuple[float, ...], status: str) -> None:
     vertices = np.array([[0.0, 0, 0], [86, 0, 0], [0, 86, 0], [0, 0, 6]]) + shift
     mesh = Mesh(vertices, np.array([[0, 1, 2]]))

@@ -300,14 +300,10 @@ def wave(seed: int, n: int = 400) -> Array:
 LINKS = {
     "stacked rings": (circle(150, 20.0), circle(150, 20.0) + [0, 0, 4.3]),
     "turned rings": (circle(150, 20.0), circle(90, 30.0)[:, [0, 2, 1]] + [5.0, 0, 0]),
-    "trefoil": (trefoil(300, 8.0),),
-    "torus knot 2, 3": (torus_knot(2, 3, 24.0, 9.0, 400),),
-    "torus knot 2, 7": (torus_knot(2, 7, 24.0, 9.0, 400),),
-    "waves 15": (wave(15),),
-    "waves 17": (wave(17),),
-    "waves 23": (wave(23),),
-    "waves 27": (wave(27),),
-}
+    "trefoil": (trefoil(300, 8.0),), "torus knot 2, 3": (torus_knot(2, 3, 24.0, 9.0, 400),),
+    "torus knot 2, 7": (torus_knot(2, 7, 24.0, 9.0, 400),), "waves 15": (wave(15),),
+    "waves 17": (wave(17),), "waves 23": (wave(23),), "waves 27": (wave(27),),
+}  # fmt: skip
 
 
 @pytest.mark.slow

@@ -418,13 +418,10 @@ EIGHT[1, 1] = EIGHT[3, 1] = 0
 PLATE = np.ones((9, 9, 1))
 PLATE[4, 4] = 0
 NO_TUBES = {
-    "ball": (ball, "genus 0"),
-    "cube": (cube, "genus 0"),
-    "two holes": (lambda: blocks(EIGHT), "genus 2"),
-    "open tube": (open_tube, "genus 0"),
-    "flattened": (flattened, "without a line within"),
+    "ball": (ball, "genus 0"), "cube": (cube, "genus 0"), "two holes": (lambda: blocks(EIGHT), "genus 2"),
+    "open tube": (open_tube, "genus 0"), "flattened": (flattened, "without a line within"),
     "plate with a hole": (lambda: blocks(PLATE), "off one radius"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", NO_TUBES)
