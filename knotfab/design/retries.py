@@ -289,6 +289,8 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 # Legs: where a strand without supports ends up too far from all others for a bar, or too flat.
 
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
+_LOW_SHARE = 0.25  # of a leg's height: an arch before it, by which flanks of 46 degrees get 57
+_SEEN_EVERY = 8  # points along a leg, each that is looked for in the start
 
 
 def start_on_more_legs(problem: Problem, start: Start, found: Knots) -> Start | None:
@@ -310,40 +312,47 @@ def start_on_more_legs(problem: Problem, start: Start, found: Knots) -> Start | 
     plans = [lower(curve, light) for curve in curves]
     floor = min(float(curve[:, 2].min()) for curve in curves)
     crossing = _find_crossings(plans)
-    changed = set[tuple[int, int]]()
+    begun = [curve[:, 2] - floor for curve in curves]
+    # curves, with the ends of the legs that are changed; the top alone, where its arch is halved
+    changed = set[tuple[int, int, int]]()
 
-    def place(leg: Leg, end: int) -> int:
-        """Find the vertex of the start that has become an end of a leg, 0 in the valley or -1 on the peak."""
+    def find(leg: Leg) -> Indices:
+        """Find the vertices of the start that have become a leg."""
         # a search keeps the places in the picture, but lengthens some stretches more than others
-        away = plans[leg.curve] - lower(leg.points[[end]], light)
-        return int(np.linalg.norm(away, axis=1).argmin())
+        return _find_stretch(begun[leg.curve], plans[leg.curve], lower(leg.points, light))
 
-    def change(leg: Leg, at: int, height: Array | None) -> None:
+    def change(leg: Leg, low: int, top: int, height: Array | None) -> None:
         if height is None:
             return
-        before = curves[leg.curve][:, 2] - floor
-        if np.array_equal(height[crossing[leg.curve]], before[crossing[leg.curve]]):
+        before, crossed = curves[leg.curve][:, 2] - floor, crossing[leg.curve]
+        if np.array_equal(height[crossed], before[crossed]):
             curves[leg.curve] = lift(plans[leg.curve], height + floor, light)
-            changed.add((leg.curve, at))
+            changed.add((leg.curve, low, top))
 
     for spot in lacking:
         leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - spot, axis=1).min()))
-        at = place(leg, -1)
-        if (leg.curve, at) not in changed:  # both legs of an arch may lack one
+        places = find(leg)
+        top = int(places[-1]) if len(places) else -1
+        if top >= 0 and (leg.curve, top, top) not in changed:  # both legs of an arch may lack one
             heights = curves[leg.curve][:, 2] - floor
-            change(leg, at, _halve_arch(heights, plans[leg.curve], at, radius))
+            change(leg, top, top, _halve_arch(heights, plans[leg.curve], top, radius))
 
-    def add_arches(is_flat: Callable[[Leg], bool]) -> None:
+    def add_arches(is_flat: Callable[[Leg], bool], most: float = 0.0) -> None:
         for leg in filter(is_flat, legs):
             rise = float(np.ptp(leg.points[:, 2]))
             share = 0.5 * (_steps_along(leg).sum() * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
-            low, high = place(leg, 0), place(leg, -1)
-            heights = curves[leg.curve][:, 2] - floor
-            change(leg, high, _add_arch(heights, plans[leg.curve], low, high, share, radius))
+            # a leg that is steep but for a flat place gets the lowest arch, and is steeper still
+            share = max(share, min(1.01 * LOWEST_ARCH_RADII * radius / rise, most))
+            if not len(places := find(leg)):
+                continue
+            low, top = places[[0, -1]].tolist()
+            if not changed & {(leg.curve, low, top), (leg.curve, top, top)}:
+                heights = curves[leg.curve][:, 2] - floor
+                change(leg, low, top, _add_arch(heights, plans[leg.curve], places, share, radius))
 
     add_arches(_is_flat)
     if not changed:  # a further search may well straighten a leg that is flat in places
-        add_arches(_is_flat_in_places)
+        add_arches(_is_flat_in_places, _LOW_SHARE)
     return replace(start, curves=tuple(c @ target.axes for c in curves)) if changed else None
 
 
@@ -406,26 +415,32 @@ def _halve_arch(height: Array, plan: Array, at: int, radius: float) -> Array | N
     return halved
 
 
+def _find_stretch(height: Array, plan: Array, seen: Array) -> Indices:
+    """Find the vertices from a valley up to a peak of a ring of heights (n,) that draw a leg `seen` (k, 2).
+
+    Over the plan (n, 2) that is the stretch nearest to the whole of the leg: a strand beside it may be
+    nearer to either end. Empty without a peak.
+    """
+    count, peaks = len(height), peaks_of(height)
+    if not len(peaks):
+        return np.empty(0, dtype=np.int64)
+    found = [
+        (valley + way * np.arange((way * (peaks - valley) % count).min() + 1)) % count
+        for valley in peaks_of(-height)
+        for way in (1, -1)
+    ]
+    lines = np.array([shapely.LineString(plan[places]) for places in found])
+    away = shapely.distance(lines[:, None], shapely.points(seen[::_SEEN_EVERY])[None])
+    return np.asarray(found[int(away.mean(axis=1).argmin())])
+
+
 def _add_arch(
-    height: Array, plan: Array, valley: int, peak: int, share: float, radius: float
+    height: Array, plan: Array, places: Indices, share: float, radius: float
 ) -> Array | None:
     """Insert an arch of a share of a leg's height before it in a ring of heights (n,) over a plan (n, 2).
 
-    All three flanks become equally steep. The leg is that between the ring's valley and peak nearest to the
-    given places. None if the arch is low.
+    All three flanks become equally steep. The leg is at these places of the ring. None if the arch is low.
     """
-    count = len(height)
-
-    def nearest(places: Indices, to: int) -> int:
-        away = np.abs(places - to)
-        return int(places[np.minimum(away, count - away).argmin()])
-
-    if not len(peaks_of(height)):
-        return None
-    low, high = nearest(peaks_of(-height), valley), nearest(peaks_of(height), peak)
-    ahead = (high - low) % count
-    way = 1 if ahead <= count - ahead else -1
-    places = (low + way * np.arange((way * (high - low)) % count + 1)) % count
     leg = height[places]
     if share * (leg[-1] - leg[0]) < LOWEST_ARCH_RADII * radius:
         return None

@@ -9,7 +9,7 @@ from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
 from knotfab.design.design import _BRACINGS, _brace_start
-from knotfab.design.retries import _FLATTEST_DEG, start_on_more_legs
+from knotfab.design.retries import _FLATTEST_DEG, _find_stretch, start_on_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.knots import Knot, Knots
 from knotfab.plan import Search
@@ -132,13 +132,16 @@ def test_a_flat_leg_gets_an_arch_so_that_all_are_steep(arches: int, flank_deg: f
         assert np.degrees(np.arctan2(np.ptp(leg.points[:, 2]), away)) > 44.0
 
 
-@pytest.mark.parametrize(("bend_deg", "more"), [(9.0, True), (2.0, False)])
+@pytest.mark.parametrize(
+    ("mean_deg", "bend_deg", "more"),
+    [(40.0, 9.0, True), (40.0, 2.0, False), (46.0, 14.0, True), (46.0, 9.0, False)],
+)
 def test_a_leg_that_is_flat_above_gets_an_arch_though_it_is_steep_on_the_whole(
-    bend_deg: float, more: bool
+    mean_deg: float, bend_deg: float, more: bool
 ) -> None:
     before, count = ring(2, 26.0, 19.8), 200
     u = 1.0 - np.abs(np.linspace(-1.0, 1.0, count, endpoint=False))
-    low, high = (np.tan(np.radians(40.0 + way * bend_deg)) for way in (1, -1))
+    low, high = (np.tan(np.radians(mean_deg + way * bend_deg)) for way in (1, -1))
     height = 31.1 * np.where(u < 0.5, low * u, 0.5 * low + high * (u - 0.5))
     before[:, 2] = np.tile(height, 2) - 40.0
     before[:, :2] = lower(ring(2, 26.0, 19.8), LIGHT) * (1.0 - before[:, 2:] / LIGHT)
@@ -170,3 +173,26 @@ def test_strands_that_cross_keep_their_heights_there() -> None:
 )
 def test_other_starts_stay_as_they_are(height: float, more: dict[str, Any]) -> None:
     assert ask(ring(3, height), **more) is None
+
+
+# A hairpin, its sides 4 mm apart: arches 24 mm wide on the way out, 40 mm on the way back.
+OUT, APART = np.arange(0.0, 120.0), 4.0
+HAIRPIN = np.concatenate(
+    [np.column_stack([x, np.full(120, y)]) for x, y in ((OUT, 0.0), (OUT[::-1], APART))]
+)
+ARCHES = np.concatenate([w / 2 - np.abs(OUT % w - w / 2) for w in (24.0, 40.0)])
+
+
+@pytest.mark.parametrize("turn", [0, 77, 200])
+@pytest.mark.parametrize("aside_mm", [0.0, 0.6 * APART])
+def test_a_leg_whose_top_has_come_nearer_to_the_strand_beside_it_is_found(
+    aside_mm: float, turn: int
+) -> None:
+    plan, height = (np.roll(ring, turn, axis=0) for ring in (HAIRPIN, ARCHES))
+    for valley, way, steps in ((24, 1, 12), (48, -1, 12), (160, 1, 20), (200, -1, 20)):
+        leg = (turn + valley + way * np.arange(steps + 1)) % 240
+        seen = plan[leg].copy()
+        towards = 1.0 if valley < 120 else -1.0
+        seen[steps // 2 :, 1] += towards * aside_mm
+        assert _find_stretch(height, plan, seen).tolist() == leg.tolist()
+    assert not len(_find_stretch(np.zeros(240), plan, plan[:10]))
