@@ -129,6 +129,56 @@ def test_a_hole_that_many_strands_cross_is_one_thing_to_see() -> None:
         assert count_repeated(gaps, plate(parts=parts)) == repeated
 
 
+def lit(mask: Mask, *boxes: tuple[int, int, int, int], dark: bool = False) -> Mask:
+    image = Image.fromarray(mask)
+    for box in boxes:
+        ImageDraw.Draw(image).rectangle(box, fill=dark)
+    return np.asarray(image)
+
+
+@pytest.mark.parametrize(("wide", "word"), [(36, "coarse"), (26, "coarse"), (14, "good")])
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_part_that_hangs_on_another_is_lost_where_it_is_wider_than_a_strand(
+    wide: int, word: str, dark: bool
+) -> None:
+    # a notch in the disc, or a lug on it
+    top = 298 if dark else 301 - wide
+    box = (180 - wide // 2, top, 180 + wide // 2, top + wide)
+    target = lit(draw(LARGE), box, dark=dark)
+    found = judge(draw(LARGE), target)
+    assert WORDS.index(found.word) <= WORDS.index(word)
+    assert (found.word == "coarse") == (word == "coarse")
+    assert any("patch" in reason for reason in found.reasons) == (word == "coarse")
+
+
+def test_a_part_out_of_place_is_no_patch_besides() -> None:
+    moved = judge(draw((424, 432, 30)), draw((408, 412, 30)))
+    assert moved.word == "good" and moved.misshapen == 1
+
+
+def test_a_strand_across_a_hole_is_a_bridged_gap_and_one_in_the_open_leads_off() -> None:
+    open_ = lit(draw(), (110, 110, 250, 250))
+    crossed = judge(lit(open_, (140, 110, 153, 250), dark=True), open_)
+    assert crossed.word == "good" and crossed.bridged_gaps == 1
+    astray = judge(lit(open_, (290, 180, 360, 193), dark=True), open_)
+    assert astray.word == "coarse" and astray.bridged_gaps == 0
+    dangling = judge(lit(open_, (180, 110, 193, 200), dark=True), open_)
+    assert dangling.word == "coarse" and not dangling.bridged_gaps
+
+
+@pytest.mark.parametrize(
+    ("parts", "gone", "word"),
+    [(4, 1, "coarse"), (5, 1, "coarse"), (8, 2, "coarse"), (3, 1, UNKNOWN), (8, 3, UNKNOWN)],
+)
+def test_a_row_of_equals_is_known_without_one_in_four(parts: int, gone: int, word: str) -> None:
+    image = Image.new("1", (SIZE, SIZE))
+    for k in range(parts):
+        x = 40 + 56 * k
+        ImageDraw.Draw(image).ellipse((x - 24, 230, x + 24, 278), fill=1)
+    target = np.asarray(image)
+    assert judge(lit(target, (0, 0, 12 + 56 * gone, SIZE)), target).word == word
+
+
 def test_a_small_piece_turned_is_good_and_named() -> None:
     def eye(a: int, b: int) -> Mask:
         image = Image.fromarray(draw())
@@ -442,7 +492,7 @@ def test_the_word_is_a_persons() -> None:
         for _, person, wanted, shadow in harmed_shadows.harmed()
     ]
     assert off[: len(SIXTY)].count(0) >= 56
-    assert off[len(SIXTY) :].count(0) >= 33
+    assert off[len(SIXTY) :].count(0) >= 37
     assert max(off) == 1
 
 

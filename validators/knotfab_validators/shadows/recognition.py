@@ -28,6 +28,8 @@ from knotfab_validators.shadows.topology import (
     count_touching,
     enlarge_box,
     find_changes,
+    find_widest,
+    holes_at,
     label_regions,
     list_pieces,
     without_lost,
@@ -128,7 +130,7 @@ class _Compared:
     far pixels lie outside of these two.
     `radius_px` and `reach` are in the grid's pixels; the changes, the picture's pieces and holes (`features`)
     and the tips that are cut off are in the masks'. `spared` is the share of the union of both that bridges
-    spill which the scene requested.
+    spill which the scene requested; `patch_tubes` as in `Facts`.
     """
 
     step: int
@@ -144,6 +146,7 @@ class _Compared:
     features: list[Box]
     tips: list[Change]
     spared: float
+    patch_tubes: float
 
 
 def _compare_on_grid(
@@ -170,6 +173,13 @@ def _compare_on_grid(
     misshapen = find_misshapen(own, wanted, reach, SHAPE, found)
     # lost pieces are counted already, and specks and slits that go unseen have no outline
     there = close_slits(without_specks(without_lost(wanted, found), reach), SLIT * reach)
+    missing, spilled = there & ~own, own & ~there & (not bridged)
+    for shape in misshapen:  # that says already what is wrong about it
+        left, top, right, bottom = (
+            max(0, round(at + way * TIP * radius))
+            for at, way in zip(shape.box, (-1, -1, 1, 1), strict=True)
+        )
+        missing[top:bottom, left:right] = spilled[top:bottom, left:right] = False
     return _Compared(
         step=step,
         radius_px=radius,
@@ -184,6 +194,7 @@ def _compare_on_grid(
         features=[enlarge_box(box, step) for box in list_pieces(wanted, reach)],
         tips=[tip.enlarged(step) for tip in _find_tips(there, off_own, TIP * radius)],
         spared=float(spill.sum() / (seen | wanted).sum()),
+        patch_tubes=max(find_widest(one)[1] for one in (missing, spilled)) / (2 * radius),
     )
 
 
@@ -226,8 +237,13 @@ def _measure_facts(
     torn = [c for c in (single if drawn else found.changes) if not isinstance(c, Shape)]
     shapes = [c.likeness for c in single if isinstance(c, Shape)]
     off = find_wrong_stretch(close_slits(own, SLIT * found.reach), there)
+    gaps = [c for c in torn if c.kind == "gap"]
     beyond = _find_tips(own, depth_in(~there), TIP * radius)
-    strays = (*beyond, *_find_tips(there, found.off_own, 0))
+    # a strand that crosses a hole leads off nowhere: it is a gap that is bridged
+    crossed = set(holes_at(gaps, target)) - {0}
+    holes = holes_at([tip.enlarged(found.step) for tip in beyond], target)
+    off_by = [c.width_px for c, hole in zip(beyond, holes, strict=True) if hole not in crossed]
+    off_by += [c.width_px for c in _find_tips(there, found.off_own, 0)]
     tube_px = 2 * radius * found.step  # the width of the tube's shadow, in the masks' pixels
     return Facts(
         iou=iou,
@@ -241,7 +257,7 @@ def _measure_facts(
             if _is_lost(c)
         ],
         changes=len(torn),
-        apart=len(torn) - count_repeated([c for c in torn if c.kind == "gap"], target),
+        apart=len(torn) - count_repeated(gaps, target),
         features=max(drawn or len(found.features), 1),
         shape=min(shapes, default=1.0),
         misshapen=sum(1.0 - likeness for likeness in shapes),
@@ -249,7 +265,8 @@ def _measure_facts(
         specks=specks.count,
         speck_share=specks.area_mm2 / (area * pixel_mm**2),
         hurt=_count_hurt(found) / area,
-        astray=max((c.width_px for c in strays), default=0.0) / radius,
+        astray=max(off_by, default=0.0) / radius,
+        patch_tubes=found.patch_tubes,
         leg=float(found.off_wanted[found.legs].max(initial=0.0)) / radius,
         fine=sum(_is_lost(c) and c.width_px < RULES["good"].lost_tubes * tube_px for c in torn),
     )

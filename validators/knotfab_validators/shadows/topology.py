@@ -140,14 +140,19 @@ def without_specks(target: Mask, reach_px: float) -> Mask:
     return np.isin(labels, [number for number, _ in found])
 
 
+def holes_at(changes: Sequence[Change], target: Mask) -> list[int]:
+    """Return the number of the picture's hole that each change (u, v on the mask) is in; 0 for none."""
+    labels, _ = _label(np.pad(~target, 1, constant_values=True), _FOUR)
+    found = [int(labels[round(c.where[1]) + 1, round(c.where[0]) + 1]) for c in changes]
+    return [0 if number == labels[0, 0] else number for number in found]
+
+
 def count_repeated(gaps: Sequence[Change], target: Mask) -> int:
-    """Count the bridged gaps (u, v on the mask) in a hole of the picture that has another one already.
+    """Count the bridged gaps in a hole of the picture that has another one already.
 
     A hole that strands cross is seen as one fault, however many cross it.
     """
-    labels, _ = _label(np.pad(~target, 1, constant_values=True), _FOUR)
-    found = [labels[round(c.where[1]) + 1, round(c.where[0]) + 1] for c in gaps]
-    holes = [number for number in found if number not in (0, labels[0, 0])]
+    holes = [number for number in holes_at(gaps, target) if number]
     return len(holes) - len(set(holes))
 
 

@@ -34,7 +34,9 @@ class Rule:
     - `hurt`: share of the picture's area that is missing or spilled by more than a reach. Below it, changes
       alone do not deny the word; below `outline_hurt`, neither does a stray outline.
     - `lost_share`: share of the picture's area in lost features wider than `lost_tubes`.
-    - `astray_radii`: how far a strand or gap may lead off, radii.
+    - `patch_tubes`: width of what is missing or filled in one place of a part that keeps its shape: a beak
+      between the eyes that it touches.
+    - `astray_radii`: how far a strand or gap may lead off, radii, but for strands that cross a hole.
     - `leg_radii`: how far a leg of the mount may lead off, between the picture's top and foot.
     """
 
@@ -54,19 +56,21 @@ class Rule:
     hurt: float = 0.0
     outline_hurt: float = 0.0
     lost_share: float = 0.0
+    patch_tubes: float = inf
     astray_radii: float = inf
     leg_radii: float = inf
 
 
+PATCH = 1.25  # tubes: a strand, and a reach beside either edge
 # A shadow gets the first word whose rule holds; docs/verdict.md gives the reasons.
 RULES = {
     "faithful": Rule(
-        0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002, astray_radii=4.0,
-        leg_radii=1.0,
+        0.975, 0.6, 0.1, False, 0.0, 0.0, 0, False, 0.9, inf, False, 12, 0.002, patch_tubes=PATCH,
+        astray_radii=4.0, leg_radii=1.0,
     ),
     "good": Rule(
         0.85, 1.5, inf, True, 0.5, 0.1, 2, False, 0.35, 0.3, False, 150, 0.02,
-        outline_hurt=0.1, lost_share=0.01, astray_radii=4.0,
+        outline_hurt=0.1, lost_share=0.01, patch_tubes=PATCH, astray_radii=4.0,
     ),
     "coarse": Rule(
         0.5, 4.0, inf, True, 0.8, 0.5, 3, True, 0.0, inf, True, hurt=0.22,
@@ -77,6 +81,8 @@ RULES = {
 LOST_FEW = 0.02  # share of all pieces and holes that may be lost: one window of fifty
 # shares of all pieces and holes, and of the area, that may not both be exceeded
 LOST_PIECES, LOST_SHARE = 0.4, 0.03
+# where so few of them are lost, so much of the area may be: a word is known without one letter of four
+LOST_ONE, LOST_LARGE = 0.25, 0.33
 # the largest rms and maximum displacement (shares of the picture's height) and stretch for each word, as
 # judged by a person on pictures bent by 0 to 38 % (docs/verdict.md)
 BENT = {"faithful": (0.02, 0.06, 2.0), "good": (0.05, 0.125, 4.0), "coarse": (0.08, 0.2, 10.0)}
@@ -112,6 +118,7 @@ class Facts:
     specks: int = 0
     speck_share: float = 0.0
     hurt: float = 0.0
+    patch_tubes: float = 0.0
     astray: float = 0.0
     leg: float = 0.0
     fine: int = 0  # changes that are lost pieces or holes far thinner than the tube
@@ -137,7 +144,8 @@ class Facts:
         lost = bool(wide)
         if rule.hurt:  # judged by their share of the area, and by how many pieces they are
             many = len(wide) > LOST_PIECES * self.features
-            lost = share > rule.lost_share or (many and share > LOST_SHARE)
+            most_share = LOST_LARGE if len(wide) <= LOST_ONE * self.features else rule.lost_share
+            lost = share > most_share or (many and share > LOST_SHARE)
         elif rule.lost_share:
             few = len(wide) <= LOST_FEW * self.features and share <= 0.5 * rule.lost_share
             lost = not few or sum(area for _, area in self.lost) > rule.lost_share
@@ -154,6 +162,9 @@ class Facts:
             ),
             f"a strand or gap leads off by {in_mm(self.astray)}, above {in_mm(rule.astray_radii)}": (
                 self.astray > rule.astray_radii
+            ),
+            f"a patch {self.patch_tubes:.1f} tubes wide is missing or filled, above {rule.patch_tubes:g}": (
+                self.patch_tubes > rule.patch_tubes
             ),
             f"a leg of the mount crosses the picture, up to {in_mm(self.leg)} off what is dark": (
                 self.leg > rule.leg_radii
