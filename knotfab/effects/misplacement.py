@@ -92,7 +92,7 @@ def _likeness(moves: Array, shadows: Array) -> tuple[Array, Array, Array]:
 
 
 def _left(moves: Array, shadows: Array, likeness: Array, centre: Array) -> Array:
-    """Subtract a likeness (4, 8) of shadows (n, 2) about `centre` from moves (n, 8, 2)."""
+    """Subtract what `_likeness` fitted, (4, 8) about `centre`, at shadows (n, 2) from moves (n, 8, 2)."""
     (x, y), (right, up, scale, turn) = (shadows - centre).T[..., None], likeness
     taken = right + scale * x - turn * y, up + scale * y + turn * x
     return np.asarray(moves - np.stack(taken, axis=2))

@@ -68,7 +68,7 @@ class Bar:
         return {**ends, "width_mm": width, "height_mm": height}
 
     def make_body(self) -> Mesh:
-        """Make the box."""
+        """Make its mesh: a box whose ends are sunk in both strands."""
         (middle, half), side = self._axis(), self.half_width()
         up = np.array([0.0, 0.0, 0.5 * BAR_MM[1]])
         corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]

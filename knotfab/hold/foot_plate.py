@@ -167,7 +167,7 @@ def ears_mm(settings: Mount) -> float:
 
 
 def foot_plate_fixture(plate: FootPlate, camera: Camera, settings: Mount) -> Fixture:
-    """Make the plate, its face on the receiver plane, or roots, their back there."""
+    """Make a plate whose face lies on the receiver plane, or roots whose back does."""
     wall = np.column_stack(list(camera.wall_axes))
     rings = [ring.tolist() for ring in (plate.outline, *plate.openings)]
     sizes = settings.thickness_mm, settings.hole_diameter_mm, plate.holes.tolist(), rings

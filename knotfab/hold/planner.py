@@ -257,7 +257,7 @@ class _Piece:
 
 
 class _Search:
-    """The candidates that are still open, by the results so far."""
+    """What trials have told of the candidates: which are blocked, free now, or of no help now."""
 
     def __init__(self, candidates: Candidates, way: Way, apart_mm: float) -> None:
         self.candidates, self.way, self.apart = candidates, way, apart_mm

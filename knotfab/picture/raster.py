@@ -265,7 +265,7 @@ def shrink(image: Image.Image, factor: int) -> Image.Image:
 
 
 def suffixes_of(data: bytes) -> tuple[str, ...]:
-    """Return the suffixes of a picture's format, the usual one first; it was decoded before."""
+    """Return the suffixes of the format of a picture that `decode` reads, the usual one first."""
     with _open(data) as image:
         return SUFFIXES[str(image.format)]
 

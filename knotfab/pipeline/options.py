@@ -120,7 +120,7 @@ def _from_tokens(name: str, repeated: bool = False) -> Callable[[object, Sequenc
 
 
 def _type_of(model: type[BaseModel], key: str) -> Any:
-    """Return the type of a key's option that help shows: text if the key takes words beside a number."""
+    """Return the type that help shows for a key's option: any text where it takes words besides numbers."""
     kind: Any = model.model_fields[key].annotation
     words, literal = tuple(values_of(model, key)), cast(Any, Literal)
     if words and len(words) == len(get_args(kind)):

@@ -110,7 +110,7 @@ def cut_before_light(
 
 
 def _size(p: Tensor) -> Tensor:
-    """Return the lateral extent of points times their depth, [n]."""
+    """Return how far points [n, 3] are off the axis, the larger of both ways, times their depth, [n]."""
     return p[:, :2].abs().amax(1) * p[:, 2]
 
 

@@ -100,10 +100,12 @@ def judge_made(
 
 
 def list_sags(made: Design, moves: Array | None, masks: Sequence[Mask]) -> list[Sag | None]:
-    """Measure how much of the knots' shadow each view keeps when the mount sags; None without a mount.
+    """Measure how much of the knots' shadow each view keeps when the mount sags.
+
+    None without a mount, or where it sags too little to be simulated.
 
     Args:
-        moves: (N, 3) of each vertex, mm; None without a mount. masks: (H, W) the views' pictures.
+        moves: (N, 3) of each vertex, mm. masks: (H, W) the views' pictures.
     """
     from knotfab.effects.shifts import SAG, measure_sag
 

@@ -52,7 +52,7 @@ def _list_failures(report: Report) -> Iterator[Row]:
 
 
 def _list_losses(report: Report) -> Iterator[Row]:
-    """Name what is lost; strokes for want of width come with the option that widens them."""
+    """Name what is lost, with the option that widens strokes where these are lost for want of width."""
     verdict, asked = report.verdict, report.settings.command
     poor = verdict is not None and verdict.word in POOR
     if (

@@ -252,7 +252,7 @@ def load_named(model: type[Named], name: str) -> Named:
 
 
 def load_file(model: type[Named], path: Path) -> Named:
-    """Load a complete printer or material from a file, after which it is named.
+    """Load a complete printer or material from a file; its name is the file's.
 
     Its keys are those of [printer] or [material] in a scene; they may stand below such a header.
     Those of `USUAL` may be left out for the model's defaults.

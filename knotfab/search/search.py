@@ -115,7 +115,7 @@ def search(
 
 
 def _tell_end(state: SearchState, walked: int, timed: bool) -> str:
-    """Tell what ended a search: its iterations, then repairs until every limit held, or the last there is."""
+    """Tell what ended a search: its iterations, then repairs until every limit held or none was left."""
     told = (
         f"the {walked} iterations that there was time for" if timed else f"all {walked} iterations"
     )

@@ -332,7 +332,7 @@ def opinions(mesh: Mesh) -> Opinions:
 
 
 def _ask_again(mesh: Mesh, seen: Ints) -> Ints:
-    """Keep the faces that still cross for pymeshlab when only they are tested again, rotated.
+    """Keep the faces that pymeshlab still finds to cross when only they are tested again, rotated.
 
     In planes oblique to the axes, rounding makes it report long thin neighbours. A real crossing
     remains in any orientation.

@@ -150,7 +150,10 @@ def _draw_look(points: Array, faces: Ints, wide: float) -> Array:
 
 
 def _shrink(mask: Mask, wide: float | None = None) -> Array:
-    """Draw a mask on the grid, stretched to its box, or to one `wide` times as wide as high."""
+    """Draw a mask so that its box fills the grid.
+
+    A box far narrower or flatter than one that is `wide` times as wide as high is enlarged first.
+    """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     y, x = float(np.ptp(rows) + 1), float(np.ptp(columns) + 1)
     middle = 0.5 * np.array([rows[0] + rows[-1] + 1, columns[0] + columns[-1] + 1])

@@ -328,7 +328,7 @@ def _meet(samples: Samples, i: Ints, j: Ints) -> Mask:
 
 
 def _lower(samples: Samples, i: Ints, j: Ints, count: np.int64) -> Ints:
-    """Move each pair to the nearest-together of itself and its eight neighbours."""
+    """Move each pair to whichever lies closest together: itself or one of its eight neighbours."""
     to_i = {-1: samples.behind[i], 0: i, 1: samples.ahead[i]}
     to_j = {-1: samples.behind[j], 0: j, 1: samples.ahead[j]}
     best, at = _square(samples, i, j) * (1 - 1e-12), i * count + j
