@@ -178,3 +178,25 @@ def test_a_bar_moves_with_its_piece() -> None:
     )
     bar = Bar(np.array([1.0, 0.0, 3.0]), np.array([4.0, 0.0, 3.0]), 3.0).moved(turn)
     assert (*bar.start, *bar.end, bar.gap_mm) == pytest.approx((5, 2, 7, 5, 8, 7, 6))
+
+
+@pytest.mark.parametrize(
+    "turn",
+    [np.diag([-1.0, 1.0]), np.diag([1.0, -1.0]), -np.eye(2), np.array([[0.0, -1.0], [1.0, 0.0]])],
+)
+def test_a_piece_mirrored_or_turned_in_plan_has_its_bars_there(turn: Array) -> None:
+    apart = 2 * RADIUS + 3.0
+    rings = [
+        ring((1.6 * MOST, 2.1 * MOST, 1.2 * MOST), across) for across in (60.0, 60.0 + 2 * apart)
+    ]
+
+    def bars_of(way: Array) -> Array:
+        whole = np.block([[way, np.zeros((2, 1))], [np.zeros((1, 2)), 1.0]])
+        legs = find_legs([points @ whole.T for points in rings])
+        bars, lacking = plan_bars(legs, RADIUS, PLA, thrifty=True)
+        ends = np.array([(bar.start, bar.end) for bar in bars]).reshape(-1, 3)
+        return np.concatenate([ends, lacking]) @ whole
+
+    own = bars_of(np.eye(2))
+    assert len(own) > 4
+    np.testing.assert_allclose(bars_of(turn), own, atol=1e-6)

@@ -132,3 +132,21 @@ def draw(dark: Geometry) -> NDArray[np.bool_]:
 )  # fmt: skip
 def test_roots_that_would_tell_the_picture_do_not_suit_it(dark: Geometry, suits: bool) -> None:
     assert suits_roots(draw(dark), 1.0) is suits
+
+
+@pytest.mark.parametrize("dark", [DISC, ELL, RING, HALVES])
+def test_a_mirrored_shadow_has_as_much_of_roots_and_its_screws_where_a_mirror_shows_them(
+    dark: Geometry,
+) -> None:
+    feet, found = spread(dark, 17.0), []
+    for way in (np.array([1.0, 1.0]), np.array([-1.0, 1.0])):
+        own = shapely.affinity.scale(dark, *way, origin=(0, 0))
+        roots = lay_roots(own, way * feet, covers(way * feet), HOLE_MM, WIDE_MM, MOST_MM2)
+        ways = np.linalg.norm(np.diff(roots.points[roots.ends], axis=1), axis=2).sum()
+        (left, right), (high, _) = (way * roots.holes).T
+        apart, middle = abs(right - left), 0.5 * (left + right)
+        found.append((roots.sheet.area, ways, apart + RISES[0] * high, middle))
+    one, other = np.array(found)
+    assert other[:2] == pytest.approx(one[:2], rel=0.03)
+    # both are sought on a grid of 2 mm, where a row more may be worth a step less
+    assert other[2:] == pytest.approx(one[2:], abs=2.0)
