@@ -16,8 +16,9 @@ from knotfab.pipeline.options import (
     Flag,
     Place,
     PlanOptions,
+    ToldOptions,
     Whole,
-    options_from,
+    list_given,
     with_examples,
 )
 from knotfab_formats.errors import InputError
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from knotfab.apps.doctor import Finding
 
 _DEFAULTS = BuildOptions()
-_PLAN = PlanOptions()
+_PLAN, _TOLD = PlanOptions(), ToldOptions()
 
 
 @with_examples("""All options: knotfab preview --help-all
@@ -205,26 +206,28 @@ def compare(
     return 1 if found.alike is False else 0
 
 
-@with_examples("""Examples:
+@with_examples("""All options: knotfab tradeoff --help-all
+
+Examples:
 
 ```
 knotfab tradeoff cat.png
 knotfab tradeoff cat.png --accuracy draft --out cat-tradeoff
+knotfab tradeoff cat.png --size 120 --mount stand
 knotfab tradeoff logos/*.png --time-limit 1h         give the same call again to go on
 knotfab tradeoff cat.png --print                     hours and grams of each way to print it
 ```
 """)
 def tradeoff(
     *pictures: str,
+    options: Annotated[ToldOptions, Parameter(name="*")] = _TOLD,
     out: Place = Path("knotfab-tradeoff"),
-    scene: Path | None = None,
-    accuracy: str | None = None,
-    tube_radius: str | None = None,
     time_limit: str | None = None,
-    print_: Annotated[Flag, Parameter(name="--print")] = False,
-    quiet: Flag = False,
 ) -> int:
     """Measure what accuracy costs in time on this machine: whole builds, with one setting after another.
+
+    With --print it measures what printing costs instead: builds with and without supports, on plates, at
+    other depths, radii and accuracies, in PrusaSlicer's hours and grams too.
 
     Parameters
     ----------
@@ -232,41 +235,33 @@ def tradeoff(
         Image files, SVGs, or text:…; each makes a piece of its own, and the figures are means over them.
     out
         The folder for tradeoff.json and .png, and for the builds, from which a later call goes on.
-    scene
-        A scene.toml.
-    accuracy
-        The preset beside which one setting at a time is changed, as for knotfab build; standard by default.
-    tube_radius
-        In mm, or auto (default): each build finds its own.
     time_limit
         Stop after this time, and report what was measured until then: 30 (seconds), 10m or 1h.
-    print_
-        Measure what printing costs instead of settings: builds with and without supports, on plates, at other
-        depths, radii and accuracies, in PrusaSlicer's hours and grams too.
-    quiet
-        Print nothing but errors.
     """
     from knotfab.base.progress import Progress
-    from knotfab.picture.read import read_target
+    from knotfab.picture.raster import GLANCE
+    from knotfab.pipeline.prepare import read_call
     from knotfab.pipeline.read_options import read_scene
     from knotfab.pipeline.values import read_seconds
 
     if not pictures:
         raise InputError("tradeoff", "no picture is named", "Name one, or several")
+    if options.sequence:
+        raise InputError("--sequence", "each picture is a piece of its own here", "Leave it out.")
     limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")
-    asked = {"scene": scene, "accuracy": accuracy, "tube_radius": tube_radius}
-    options = options_from(asked)
     chosen, _ = read_scene(options)
-    for picture in pictures:  # so that a file that is no picture is reported at once
-        read_target(picture, chosen.views[0])
+    for picture in pictures:  # so that what cannot be built is reported at once
+        read_call([picture], BuildOptions(**vars(options)), Progress("quiet"), GLANCE)
     from knotfab.apps.tradeoff.run import print_ways
     from knotfab.apps.tradeoff.run import tradeoff as run
 
-    given = {key: value for key, value in asked.items() if value is not None}
+    given = {
+        k: v for k, v in list_given(options).items() if k not in ("print_", "quiet", "verbose")
+    }
     middle, preset = chosen.settings, chosen.accuracy.name
-    with Progress("quiet" if quiet else "auto") as progress:
-        ways = run(pictures, out, given, middle, preset, progress, print_, limit_s)
-    if not quiet:
+    with Progress(options.mode) as progress:
+        ways = run(pictures, out, given, middle, preset, progress, options.print_, limit_s)
+    if not options.quiet:
         print_ways(ways, out)
     return 0
 

@@ -194,8 +194,23 @@ class PlanOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ToldOptions(PlanOptions):
+    """Those of a plan, and of how much is told meanwhile."""
+
+    quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False
+    """Print nothing but errors."""
+    verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=OUTPUT)] = False
+    """Print how long each stage took."""
+
+    @property
+    def mode(self) -> Mode:
+        """How progress is shown."""
+        return "quiet" if self.quiet else "verbose" if self.verbose else "auto"
+
+
+@dataclass(frozen=True, kw_only=True)
 @_with_keys("about")
-class BuildOptions(PlanOptions):
+class BuildOptions(ToldOptions):
     """All options of `knotfab build`: those of its plan, and of the folder that it writes."""
 
     out: Annotated[Place | None, Parameter(group=OUTPUT)] = None
@@ -207,15 +222,6 @@ class BuildOptions(PlanOptions):
     """Also write part-colours.3mf: the named bodies, each in a colour, for several filaments."""
     skip: Annotated[Names, Parameter(group=OUTPUT)] = ()
     """Leave out these checks, such as shadow-render."""
-    quiet: Annotated[Flag, Parameter(group=OUTPUT)] = False
-    """Print nothing but errors."""
-    verbose: Annotated[Flag, Parameter(name=("--verbose", "-v"), group=OUTPUT)] = False
-    """Print how long each stage took."""
-
-    @property
-    def mode(self) -> Mode:
-        """How progress is shown."""
-        return "quiet" if self.quiet else "verbose" if self.verbose else "auto"
 
 
 def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> BuildOptions:
@@ -258,6 +264,23 @@ def options_from(given: Mapping[str, Any], known: Collection[str] = ()) -> Build
             remedy = "Name a folder." if key == "out" else "Correct it, or leave it out."
             raise InputError(f"the option {name}={value!r}", why, remedy) from None
     return BuildOptions(**values)
+
+
+def list_given(options: ToldOptions) -> dict[str, Any]:
+    """List the options that differ from their defaults, as a library's caller names them.
+
+    Those that set keys of [search] are together in "search", by key.
+    """
+    found, usual = dict[str, Any](), type(options)()
+    for name, value in vars(options).items():
+        reader = READERS.get(name)
+        if value == getattr(usual, name):
+            continue
+        if reader is not None and reader.args[0] is SearchSettings:
+            found.setdefault("search", {})[reader.args[1]] = value
+        else:
+            found[name] = value
+    return found
 
 
 def with_examples(text: str) -> Callable[[Command], Command]:

@@ -63,7 +63,7 @@ def prepare_build(
         InputError: an option, the scene or a picture is wrong.
     """
     skipped = read_skips(options.skip)
-    call = _read_call(pictures, options, progress)
+    call = read_call(pictures, options, progress)
     printing = _is_printed(options, call.scene)
     out = options.out or ALL_OUT / call.name
     if options.out is None and not options.force:
@@ -120,7 +120,7 @@ def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> N
     """
     if (folder / "report.json").is_file():
         try:
-            targets = _read_call((picture,), options, Progress(options.mode)).targets
+            targets = read_call((picture,), options, Progress(options.mode)).targets
         except KnotfabError:
             return
         _keep_other_picture(folder, targets)
@@ -147,7 +147,7 @@ def survey_pictures(
         InputError: as for `prepare_build`.
     """
     progress = progress or Progress("quiet")
-    call = _read_call(pictures, options, progress, glance=GLANCE)
+    call = read_call(pictures, options, progress, glance=GLANCE)
     with progress.stage("preview"):
         found = _survey_first(call, options.sequence, True, placed=True)[1]
         # imported only now, as above
@@ -156,10 +156,14 @@ def survey_pictures(
         return replace(found, guess=replace(found.guess, told=guess_told(found)))
 
 
-def _read_call(
+def read_call(
     pictures: Sequence[str], options: BuildOptions, progress: Progress, glance: int = 0
 ) -> Call:
-    """Read scene and pictures of a call; `glance` as for `read_target`."""
+    """Read scene and pictures of a call; `glance` as for `read_target`.
+
+    Raises:
+        InputError: as for `prepare_build`.
+    """
     if options.no_loop and not options.sequence:
         raise InputError(
             "--no-loop", "one piece has no last frame", "Leave it out, or add --sequence."

@@ -14,7 +14,7 @@ from command import knotfab, picture, square
 
 from knotfab.base.errors import SceneError
 from knotfab.cli.commands import app
-from knotfab.pipeline.options import BuildOptions, PlanOptions
+from knotfab.pipeline.options import BuildOptions, PlanOptions, ToldOptions
 
 pytestmark = pytest.mark.usefixtures("copies")
 
@@ -31,7 +31,7 @@ OPTIONS = {
     "validate": ["knots", "scene", "failures", "skip"],
     "shadow": ["scene", "out", "view"],
     "compare": ["corners", "view", "out"],
-    "tradeoff": ["out", "scene", "accuracy", "tube_radius", "repeats", "jobs", "combinations", "time_limit"],
+    "tradeoff": [f.name for f in fields(ToldOptions)] + ["out", "time_limit", "repeats"],
     "studio": ["port", "out"],
 }  # fmt: skip
 
@@ -83,7 +83,7 @@ def hold(*call: str) -> None:
     assert len(done.err) < 20_000, call
 
 
-FEW_OPTIONS = ("validate", "shadow", "compare", "tradeoff", "studio")
+FEW_OPTIONS = ("validate", "shadow", "compare", "studio")
 
 
 def odd_words(folder: Path) -> list[str]:

@@ -126,7 +126,8 @@ def tradeoff(
     """Build every picture in every way, and write the figures; what an earlier call built is not built again.
 
     Args:
-        given: options of every build; its `scene` is read and its [search] set anew for each way.
+        given: options of every build; its `scene` is read and its [search] set anew for each way, with the
+            keys of its `search`.
         middle: the settings beside which keys are set.
         printed: build as `--print` does, and in ways that change what the printer does.
         limit_s: seconds after which no way is begun.
@@ -148,7 +149,8 @@ def tradeoff(
         with progress.stage("measure"):
             while todo and (limit_s is None or time.monotonic() - began < limit_s):
                 label, options = todo.pop(0)
-                asked = {**given, "print_": printed, **options}
+                keys = {**given.get("search", {}), **options.get("search", {})}
+                asked = {**given, "print_": printed, **options} | ({"search": keys} if keys else {})
                 place = out / "builds" / plain_name(label, "way")
                 reports = []
                 for number, picture in enumerate(pictures, start=1):
@@ -224,6 +226,8 @@ def _keep(make: Builder, kept: dict[str, Any], out: Path) -> Builder:
         content = picture.encode() if text else read_file(Path(picture), picture)
         told = {k: str(v) for k, v in options.items() if k not in ("search", "scene")}
         asked = json.dumps([told, _scene_of(options), VERSION], sort_keys=True)
+        # a printer, a material or a font may be a file
+        content += b"".join(read_file(Path(v), v) for v in told.values() if os.path.isfile(v))
         key = hashlib.sha256(content + asked.encode()).hexdigest()[:24]
         if key not in kept:
             report = make(picture, folder, options)

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import knotfab, picture, square
+from command import Done, knotfab, picture, square
 from tables import some
 
 from knotfab.apps.tradeoff import run
 from knotfab.apps.tradeoff.run import CHOSEN, KNOBS, Options, Way, front_of, list_ways, tell_worth
 from knotfab.base.errors import MachineError, SceneError
 from knotfab.base.progress import Progress
+from knotfab.pipeline.options import list_given, options_from
 from knotfab_formats.errors import InputError
 from knotfab_formats.search import PRESETS, SearchSettings
 
@@ -122,6 +123,23 @@ def test_a_scene_keeps_its_keys_beside_those_of_a_way(tmp_path: Path) -> None:
     assert "seed = 3" in text and "tau = 12" in text and "90" in text and "x.png" not in text
 
 
+def test_options_are_those_of_every_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[Options]()
+    build = lambda _, __, options: asked.append(options) or report(5.0, 0.99, 3.0)  # noqa: E731
+    monkeypatch.setattr(run, "_build", build)
+    monkeypatch.setattr(run, "draw", lambda ways: b"")
+    call = ("--crop", "0,0,40,30", "--size", "120", "--seed", "7", "--mount", "stand", "--quiet")
+    file = picture(tmp_path / "a.png", square(64))
+    assert knotfab("tradeoff", file, *call, "--out", tmp_path / "out") == Done(0, "", "")
+    given = {"crop": (0, 0, 40, 30), "size": 120.0, "mount": "stand", "print_": False}
+    _, first, *others = asked  # the very first warms the process
+    assert first == {**given, "search": {"seed": 7}}
+    assert all(one["search"]["seed"] == 7 and given.items() <= one.items() for one in others)
+    assert {"seed": 7, "tau": 12.0} in [one["search"] for one in others]
+    plain = {key: value for key, value in first.items() if key != "search"}
+    assert list_given(options_from(plain)) == {k: v for k, v in plain.items() if v is not False}
+
+
 def test_nothing_is_worth_it_where_a_build_fails() -> None:
     assert tell_worth([Way(CHOSEN, failed="fails gap")]).startswith("No way")
 
@@ -142,6 +160,9 @@ def test_wrong_calls_are_refused(tmp_path: Path) -> None:
         (("tradeoff", tmp_path / "words.png"), "it is not a picture"),
         (("tradeoff", "text:I", "--out", tmp_path / "file"), "cannot be made"),
         (("tradeoff", "text:I", "--time-limit", "soon"), "--time-limit"),
+        (("tradeoff", "text:I", "--sequence"), "a piece of its own"),
+        (("tradeoff", "text:I", "--directions", "front"), "several pictures of one part"),
+        (("tradeoff", "text:I", "--mount", "rope"), "Choose from"),
         (("tradeoff", "text:I", "--jobs", "2"), "knotfab 2 does not have it"),
     ):
         done = knotfab(*words)
