@@ -157,6 +157,7 @@ def plan_bars(
     ways = steps / np.linalg.norm(steps, axis=1)[:, None]
     level, upwards = cKDTree(points), np.argsort(points[:, 2], kind="stable")
     heights = points[upwards, 2]
+    lowest = np.searchsorted(heights, points[:, 2] - 0.5 * _STEP_MM)
 
     def needs(leg: int, at: float) -> float:
         """Count the ties that a leg still needs above a place along it, begun ones by their share."""
@@ -179,7 +180,7 @@ def plan_bars(
     def find_bar(n: int, least: float) -> tuple[float, Bar, int] | None:
         """Find the bar from a point that spares the two legs most, and the point that it leads to."""
         here, best = points[n], None
-        near, away = _find_level(n, points, upwards, heights, own, along, radius, longest_mm)
+        near, away = _find_level(n, points, upwards, lowest, own, along, radius, longest_mm)
         for k in range(len(near)):
             if away[k] < 1.9 * radius:
                 continue
@@ -314,7 +315,7 @@ def _find_level(
     n: int,
     points: Array,
     upwards: Indices,
-    heights: Array,
+    lowest: Indices,
     own: Indices,
     along: Array,
     radius: float,
@@ -322,17 +323,17 @@ def _find_level(
 ) -> tuple[Indices, Array]:
     """Find the `_TRIED` points of other legs nearest to point n at its height, off the bed, and how far.
 
-    `upwards` orders all points by their `heights`.
+    `upwards` orders all points by their heights; from place `lowest` on they are at that of each point.
     """
     near, away, count = np.empty(_TRIED, np.int64), np.full(_TRIED, np.inf), 0
     z, reach = points[n, 2], 2 * radius + longest
-    for place in range(np.searchsorted(heights, z - 0.5 * _STEP_MM), len(heights)):
-        if heights[place] - z >= 0.5 * _STEP_MM:
-            break
+    for place in range(lowest[n], len(upwards)):
         k = upwards[place]
-        if own[k] == own[n] or along[k] <= 3 * radius or z - heights[place] >= 0.5 * _STEP_MM:
+        x, y, up = points[k, 0] - points[n, 0], points[k, 1] - points[n, 1], points[k, 2] - z
+        if up >= 0.5 * _STEP_MM:
+            break
+        if own[k] == own[n] or along[k] <= 3 * radius or -up >= 0.5 * _STEP_MM:
             continue
-        x, y, up = points[k, 0] - points[n, 0], points[k, 1] - points[n, 1], heights[place] - z
         if x * x + y * y > reach * reach:
             continue
         far = np.sqrt(x * x + y * y + up * up)

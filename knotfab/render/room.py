@@ -54,7 +54,8 @@ def light_walls(
                 if 0 < behind < near:
                     near, own = behind, p
             if own < 0:
-                colour[row, column] = 0.09 * room * albedos[0]
+                for k in range(3):  # whole rows take two seconds to compile
+                    colour[row, column, k] = 0.09 * room[k] * albedos[0, k]
                 continue
             to = walls[own]
             w = to[9] * x + to[10] * y + to[11]

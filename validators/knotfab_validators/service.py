@@ -206,6 +206,7 @@ def answer(request: dict[str, Any], told: object) -> dict[str, Any]:
     part, knots, scene = (request[name] for name in ("part", "knots", "scene"))
     beside = request.get("beside", False)
     if part is None and knots is None:
+        _triangle()  # once for both
         geometry, shadows = prepare("geometry", "layers"), prepare("shadows")
         run_beside(lambda: [*geometry], lambda: [*shadows], beside)
     beside = beside and bool(part and scene)

@@ -31,24 +31,31 @@ def count_above(points: Array, vertices: Array, faces: Ints) -> tuple[Array, Mas
     order = np.argsort(points[:, 0], kind="stable")
     extent = float(np.ptp(vertices, axis=0).max())
     found, unsure = np.zeros(len(points)), np.zeros(len(points), dtype=np.bool_)
+    leftmost = vertices[faces, 0].min(axis=1) - _NEAR * extent
     found[order], unsure[order] = _count_above(
-        np.ascontiguousarray(points[order]), np.ascontiguousarray(vertices), faces, extent
+        np.ascontiguousarray(points[order]),
+        np.ascontiguousarray(vertices),
+        faces,
+        np.searchsorted(points[order, 0], leftmost),
+        extent,
     )
     return found, unsure
 
 
 @compiled
-def _count_above(points: Array, vertices: Array, faces: Ints, extent: float) -> tuple[Array, Mask]:
-    """Do the work of `count_above` for points in order of their x."""
+def _count_above(
+    points: Array, vertices: Array, faces: Ints, first: Ints, extent: float
+) -> tuple[Array, Mask]:
+    """Do the work of `count_above` for points in order of their x; `first` (n,) is that beside each face."""
     found, unsure = np.zeros(len(points)), np.zeros(len(points), dtype=np.bool_)
-    along, near = points[:, 0].copy(), _NEAR * extent
-    for face in faces:
+    near = _NEAR * extent
+    for number in range(len(faces)):
+        face, n = faces[number], first[number]
         a, b, c = vertices[face[0]], vertices[face[1]], vertices[face[2]]
         right = max(a[0], b[0], c[0]) + near
         low, high = min(a[1], b[1], c[1]) - near, max(a[1], b[1], c[1]) + near
         bottom, top = min(a[2], b[2], c[2]) - near, max(a[2], b[2], c[2]) + near
-        n = np.searchsorted(along, min(a[0], b[0], c[0]) - near)
-        while n < len(along) and along[n] <= right:
+        while n < len(points) and points[n, 0] <= right:
             p = points[n]
             if low <= p[1] <= high and p[2] <= top:
                 turns = 0
