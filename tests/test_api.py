@@ -1,7 +1,5 @@
 """The public API: what it lists, that it loads nothing heavy, and that its names survive every import."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import pkgutil

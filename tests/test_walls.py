@@ -1,7 +1,5 @@
 """What a light command may load; the walls between the packages are import-linter's (`make lint`)."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

@@ -1,7 +1,5 @@
 """The doctor: finds what is there, names what is not, and survives what crashes."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

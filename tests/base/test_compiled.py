@@ -1,7 +1,5 @@
 """What numba keeps on disk: it looks at the file of a loop, and at no other, for whether it is still true."""
 
-from __future__ import annotations
-
 import ast
 import gc
 import importlib

@@ -1,7 +1,5 @@
 """What is read is asked for kind and size first; nobody needs a home; a lock is one's own."""
 
-from __future__ import annotations
-
 import os
 import pwd
 import time

@@ -1,7 +1,5 @@
 """The output folder appears whole or not at all, whatever goes wrong."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """A build that is killed at any moment, or the mending of one, leaves one whole result."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Workers: each request gets its answer, one that dies says how, and all end with whoever started them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

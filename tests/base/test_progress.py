@@ -1,7 +1,5 @@
 """Progress: drawn on a terminal alone, silent when piped or quiet; stages always timed."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """The table of features: the quickest build of each row, and refusals that name the physical reason."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace

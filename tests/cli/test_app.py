@@ -1,7 +1,5 @@
 """The command line: every wrong call is one sentence and an exit code, and nothing is left behind."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 from dataclasses import fields

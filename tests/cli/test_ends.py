@@ -1,7 +1,5 @@
 """However a command ends: interrupted, without its verifier, or where nothing takes its words."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -1,7 +1,5 @@
 """What a process inherits, a person's settings of matplotlib and a stack, and what it leaves unsaid."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

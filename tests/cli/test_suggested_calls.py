@@ -1,7 +1,5 @@
 """What the refusals of `validate`, `preview` and `batch` suggest, typed and tried."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """What a person reads at the end of a build: the word in the first line, warnings where they are due."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Forgeries drawn by a seed: each holder by each kind of edit, where and how large by chance."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from functools import partial

@@ -1,7 +1,5 @@
 """Forged pieces, each with one fault that a person would not see and that must be rejected; honest ones."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

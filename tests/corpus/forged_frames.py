@@ -1,7 +1,5 @@
 """Faults of the frame that holds lamps, and of bars and feet of a piece that prints without supports."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any

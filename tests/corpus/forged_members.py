@@ -1,7 +1,5 @@
 """Faults of pegs, posts and struts, of what lists them, of dowels and of an eyelet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any

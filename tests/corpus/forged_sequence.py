@@ -1,7 +1,5 @@
 """A sequence of three frames, written without a search, and forgeries of the second."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable, Iterator

@@ -5,8 +5,6 @@ the rules were fitted, and forty of pictures of 3 to 12 parts. A person looked a
 and gave it a word before the verdict on it was read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What the maker reads, changed at random: pictures, photographs, scenes, starts, reports."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

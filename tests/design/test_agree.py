@@ -1,7 +1,5 @@
 """Several pictures are made to agree before a search: what moves, bends, is refused, and is kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from io import BytesIO
 

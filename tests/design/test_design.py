@@ -1,7 +1,5 @@
 """A build repeats from its own scene: what was chosen on the way is written, as one number, into it."""
 
-from __future__ import annotations
-
 import time
 from itertools import permutations
 from pathlib import Path

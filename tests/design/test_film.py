@@ -1,7 +1,5 @@
 """The frames of a sequence: one search after another, and what the first finds holds for all."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

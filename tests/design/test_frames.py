@@ -1,7 +1,5 @@
 """Directions of several pictures, as words or angles, and what is refused of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

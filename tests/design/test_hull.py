@@ -1,7 +1,5 @@
 """The visual hull's bound, contradictions, and frames of equal height."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapely import MultiPolygon, box

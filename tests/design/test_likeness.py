@@ -1,7 +1,5 @@
 """What no tube can draw is told from pixels alone, and what tubes can draw never is."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

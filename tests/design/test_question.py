@@ -1,7 +1,5 @@
 """What a scene and its pictures ask of a search, and frames of several pictures."""
 
-from __future__ import annotations
-
 import re
 from contextlib import nullcontext
 

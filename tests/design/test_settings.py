@@ -1,7 +1,5 @@
 """What a design makes of the presets before it searches: more grace where it is asked for, unless given."""
 
-from __future__ import annotations
-
 import json
 import time
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """A survey says of known drawings what is lost of them, where, and what would do; its remedies work."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """Penumbra: a bound of the blur that holds and is close, whatever the wall's tilt and the lamp's size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from questions import design_under

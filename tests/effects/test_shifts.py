@@ -1,7 +1,5 @@
 """Sag and layers: a close bound of how far shadows are shifted, and the piece moved for real."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

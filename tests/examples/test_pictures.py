@@ -1,7 +1,5 @@
 """The project's own test pictures: the same every time, with the features they are drawn for."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import re

@@ -1,7 +1,5 @@
 """A stranger's folder full of links: nothing is written through one, under its own name or a helper's."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A scene that asks for less than the printer, material and accuracy that it names is told."""
 
-from __future__ import annotations
-
 import copy
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """The printer's keys: the maker's model and the validators' reader agree on them."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

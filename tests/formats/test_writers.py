@@ -1,7 +1,5 @@
 """Nothing opens a file for writing but `write_whole`, or inside a folder that is the process's own."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

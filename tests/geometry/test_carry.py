@@ -1,7 +1,5 @@
 """Polygons carried along a motion: every step is certified, a crossing or a polygon too coarse is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from knot_curves import mirror

@@ -1,7 +1,5 @@
 """Certificates: what they let pass is an isotopy, and what crosses is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

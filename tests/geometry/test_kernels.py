@@ -1,7 +1,5 @@
 """The compiled loops over segments against brute force, and their slopes against finite differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

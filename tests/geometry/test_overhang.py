@@ -1,7 +1,5 @@
 """Estimates of supports: exact shapes, invariants, and columns through the mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """The tube: exact area times length, closed, outwards, for every closed polyline it accepts."""
 
-from __future__ import annotations
-
 import contextlib
 from math import pi
 

@@ -1,7 +1,5 @@
 """The frame model against beams of known deflection, against itself turned, and against PyNite's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

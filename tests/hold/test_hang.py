@@ -1,7 +1,5 @@
 """Hangers: an eyelet straight above the centre of mass holds every knot and touches nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """The frame for several lamps: its bars and joints, where it has lamps and screen, what is rejected."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

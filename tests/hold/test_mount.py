@@ -1,7 +1,5 @@
 """A piece on its mount: what follows from scene and printer, what is reported and checked."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What members darken, and what hides them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pieces import EMPTY, RADIUS, camera, knots, one, ring

@@ -1,7 +1,5 @@
 """One piece, several views, one stand: it hides in every picture at once, and stands in none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

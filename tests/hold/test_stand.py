@@ -1,7 +1,5 @@
 """Stands: every knot is held, little shows, nothing touches, and the piece neither sags nor tips."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

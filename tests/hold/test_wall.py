@@ -1,7 +1,5 @@
 """Wall mounts: pegs stay in the tube's shadow, touch nothing else, hold what they must, and none idles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Limits under watch: a term that cannot be felt is not called, and leaving it out changes nothing."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

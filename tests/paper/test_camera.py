@@ -1,7 +1,5 @@
 """The paper's cameras: upright about a middle, and refused where they are impossible."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

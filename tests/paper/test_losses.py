@@ -1,7 +1,5 @@
 """The paper's losses: printed definitions as oracles, gradients, and every degenerate curve."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """The paper's loop: each setting improves, stays finite at absurd rates, repeats itself, and refuses."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

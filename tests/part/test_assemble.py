@@ -1,7 +1,5 @@
 """The part: what is printed larger, because it shrinks; one object for the slicer, with names and colours."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

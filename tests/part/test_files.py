@@ -1,7 +1,5 @@
 """STL and 3MF: what is read back is what was written, byte for byte the same each time."""
 
-from __future__ import annotations
-
 import io
 import locale
 import re

@@ -1,7 +1,5 @@
 """G-code is read as it stands: figures, lines, supports; a cut or foreign file is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The pose in which a part is printed: the supports it takes, the printer's limits, and a flatter piece."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

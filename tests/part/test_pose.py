@@ -1,7 +1,5 @@
 """The print pose: rigid, on the bed's corner, of least height among those that fit."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Slicing for real where PrusaSlicer is installed, and a slicer that misbehaves in every way."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Drawings under uneven light keep their shape; what is no drawing on paper stays as it is."""
 
-from __future__ import annotations
-
 import base64
 import io
 from itertools import product

@@ -1,7 +1,5 @@
 """Pictures that may be meant the other way round are told; plain ones raise no doubt."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

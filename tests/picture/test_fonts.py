@@ -1,7 +1,5 @@
 """Fonts of symbols and of colours, and styles by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

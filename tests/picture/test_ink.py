@@ -1,7 +1,5 @@
 """Which pixels are ink: expected masks of drawings, by every rule."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A picture in colours taken apart: grain and detail that no strand draws are no areas of their own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

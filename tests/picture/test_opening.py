@@ -1,7 +1,5 @@
 """What a tube cannot draw of a silhouette: openings that are known, and small parts lost, filled or bent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings

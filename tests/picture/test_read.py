@@ -1,7 +1,5 @@
 """Reading pictures: every kind gives the shape that was drawn, every bad one a clear sentence."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """Pictures in colours taken apart into lamps' masks: what is drawn by hand comes apart as it was drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image, ImageDraw

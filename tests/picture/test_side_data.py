@@ -1,7 +1,5 @@
 """What lies beside a picture in its file decides nothing: a PNG's words, a TIFF's other pages."""
 
-from __future__ import annotations
-
 import io
 import zlib
 

@@ -1,7 +1,5 @@
 """Masks as polygons and at other resolutions: areas, distances and topology against exact ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Centre lines run along the middle of strokes, meet exactly, and have no spurs."""
 
-from __future__ import annotations
-
 from math import cos, pi, sin
 
 import numpy as np

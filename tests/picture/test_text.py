@@ -1,7 +1,5 @@
 """Text as a picture: as large as its ink, in every script, or refused."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

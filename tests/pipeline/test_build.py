@@ -1,7 +1,5 @@
 """The main job end to end: what a build writes, says, refuses, and leaves as it was."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

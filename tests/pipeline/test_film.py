@@ -1,7 +1,5 @@
 """A sequence from end to end: one knot, its motion within the bound, each frame a verified part."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

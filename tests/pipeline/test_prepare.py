@@ -1,7 +1,5 @@
 """A call that may begin: where it will be built, and what its pieces are called."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The options of a call and the keys of the scene that they stand for."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

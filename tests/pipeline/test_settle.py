@@ -1,7 +1,5 @@
 """A piece that cannot be held where it is is searched again, where the scene leaves that open."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Strangers' OBJ and PLY are read as they stand, or refused where trimesh would read them wrongly."""
 
-from __future__ import annotations
-
 import os
 import struct
 from pathlib import Path

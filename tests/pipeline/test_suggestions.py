@@ -1,7 +1,5 @@
 """Every refusal names an option that would do, and that option does: each suggestion is tried."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Callable, Iterator

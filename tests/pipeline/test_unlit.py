@@ -1,7 +1,5 @@
 """What a preview says that a piece tells unlit."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

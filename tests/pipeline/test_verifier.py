@@ -1,7 +1,5 @@
 """Verdicts as a build has them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The piece with its lamp on: its shadow lies where the lamp throws it, and most of it is seen."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from pieces import ring

@@ -1,7 +1,5 @@
 """The renderers on the catalogue of hard cases: errors within what the condition allows, no NaN anywhere."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Pages at full size: tiles cover a drawing, and what they share lies in the same place on both."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

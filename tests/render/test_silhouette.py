@@ -1,7 +1,5 @@
 """The silhouette, compiled and in torch, against finite differences, a cone, and the camera's projection."""
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,7 +1,5 @@
 """The report: the contract's keys, finite numbers, a verdict from the checks, a safe page."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

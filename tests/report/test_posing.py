@@ -1,7 +1,5 @@
 """What a report says of pose, plates and depth; and the slicing of several plates summed up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

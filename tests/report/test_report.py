@@ -1,7 +1,5 @@
 """The knots of a report: as they will be, once their material has shrunk."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """What a person is told of a report: rows, the most pressing first, each with one remedy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

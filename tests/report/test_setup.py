@@ -1,7 +1,5 @@
 """The drawings of a mount: page sizes, figures that are there, holes at full size, the same bytes again."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a report says of supports, feet and bars, and of the way that was not taken."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

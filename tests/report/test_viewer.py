@@ -1,7 +1,5 @@
 """What the viewer is handed: packing that can be undone, the mount alone, supports where they are needed."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

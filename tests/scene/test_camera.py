@@ -1,7 +1,5 @@
 """The camera that every stage uses keeps docs/conventions.md, line by line."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

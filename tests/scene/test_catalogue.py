@@ -1,7 +1,5 @@
 """Printers and materials by name, and a scene with their figures filled in."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The flow's own arithmetic: the H1 gradient of each ring."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Free views: the frame as a function of its numbers, poses found again, joint searches."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any

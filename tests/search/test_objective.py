@@ -1,7 +1,5 @@
 """The objective: one code for any number of views, summed as it says, and the same at every call."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The search: feasible ends, and clear verdicts where it cannot be."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The weights of several views: who falls short gains, and who lacks nothing asks for nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

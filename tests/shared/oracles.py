@@ -1,7 +1,5 @@
 """Truth by brute force: central differences, every pixel against every capsule, lamps and light moved."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

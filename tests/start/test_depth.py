@@ -1,7 +1,5 @@
 """The depth profile: it keeps the picture, and descent finds what is less legible and easier to print."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

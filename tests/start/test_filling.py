@@ -1,7 +1,5 @@
 """The filling template: simple disjoint curves that cover the silhouette."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import cos, pi, sin
 

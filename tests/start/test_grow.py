@@ -1,7 +1,5 @@
 """Curves grown in the hull of several views: their type, what they keep to, their pieces and bridges."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

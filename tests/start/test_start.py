@@ -1,7 +1,5 @@
 """A search goes on from the knots of a file: of the types that it states, and the same again each time."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Knots tied into a filling template: of the type that was asked for, out of sight, and never by chance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

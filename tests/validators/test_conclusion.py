@@ -1,7 +1,5 @@
 """The one line that concludes, and what is asked about a part's unit."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Honest pieces on every holder pass, and some of those in `benchmarks.forgery_table` are rejected."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp

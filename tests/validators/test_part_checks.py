@@ -1,7 +1,5 @@
 """What is checked follows from the files that are given; limits follow from knots and scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from validator_parts import circle, tube

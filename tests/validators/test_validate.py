@@ -1,7 +1,5 @@
 """The driver on written files: right ones pass, also shrunk; each wrong one fails the check that it must."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """A batch on a real Dask scheduler and workers: whatever is killed, nothing is lost and nothing is twice."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -3,8 +3,6 @@
 The photographed shadow is found ray by ray, as nothing in the maker draws it.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """The invertible network: exact inverses, the paper's errata, and weights that mean ill."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The paper's renderers as the search sees them: the same silhouette, and a slope that is the error's own."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import cast

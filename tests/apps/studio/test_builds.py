@@ -1,7 +1,5 @@
 """What a studio keeps: every build with its pictures and settings, through restarts and odd folders."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

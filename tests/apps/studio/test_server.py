@@ -3,8 +3,6 @@
 Builds are played by a script, which does what the picture's text says.
 """
 
-from __future__ import annotations
-
 import asyncio
 import io
 import json

@@ -1,7 +1,5 @@
 """What each way to build costs: the front, ways that fail, what is kept, and refusals."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What strangers' files have that a standard does not ask for is read and said, or refused by its name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

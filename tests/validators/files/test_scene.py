@@ -1,7 +1,5 @@
 """scene.toml is read with the documented defaults; test_hostile.py has impossible values."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A 3MF's components and transforms are placed as lib3mf places them, over several parts as well."""
 
-from __future__ import annotations
-
 import io
 import os
 import shutil

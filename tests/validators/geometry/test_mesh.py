@@ -1,7 +1,5 @@
 """Meshes: joining corners, numbering bodies, what they enclose, distances and crossings of triangles."""
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Invariants of diagrams: exact values, agreement of independent ways, and what never changes them."""
 
-from __future__ import annotations
-
 import itertools
 from itertools import combinations
 

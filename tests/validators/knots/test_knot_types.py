@@ -1,7 +1,5 @@
 """Knot types: proofs on curves whose type is known, and promises that must be refuted."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace

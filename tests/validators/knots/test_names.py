@@ -1,7 +1,5 @@
 """The table of knots against its braids, and the names by which a knot may be promised."""
 
-from __future__ import annotations
-
 import pytest
 
 from knotfab_formats.knots import BRAIDS, parse_knot_name

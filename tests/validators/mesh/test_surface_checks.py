@@ -1,7 +1,5 @@
 """A right tube passes every check of its surface; each kind of damage fails the check for it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from validator_parts import (

@@ -1,7 +1,5 @@
 """The checks of printability together: turned, without a printer, skipped, and their times."""
 
-from __future__ import annotations
-
 import re
 from types import ModuleType
 from typing import Any

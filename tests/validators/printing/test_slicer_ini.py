@@ -1,7 +1,5 @@
 """The slicer's profile beside a part is the one that the scene implies, or what differs is told."""
 
-from __future__ import annotations
-
 from math import inf
 from pathlib import Path
 

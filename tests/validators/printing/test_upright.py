@@ -1,7 +1,5 @@
 """A piece that prints without supports: what must be rejected, what must pass, however it lies on the bed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import pi
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Colours that several lamps mix: their light, the shares of right ones, and what it costs to move a lamp."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Overlap of masks and depth ratio, on shapes whose numbers are known."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import ceil, floor
 from pathlib import Path

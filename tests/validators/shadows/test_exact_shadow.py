@@ -1,7 +1,5 @@
 """The exact shadow against brute force: the union of all projected triangles, one by one."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

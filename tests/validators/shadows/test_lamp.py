@@ -1,7 +1,5 @@
 """The shadow of a lamp with a size: centred points, straight edges where they belong, ghosts of arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The word for a shadow follows from what was done to it; what is lost is named in its place."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any

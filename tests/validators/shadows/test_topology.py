@@ -1,7 +1,5 @@
 """Changes of topology: known edits are found, counted and placed; what an opening undoes is none."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

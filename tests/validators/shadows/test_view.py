@@ -1,7 +1,5 @@
 """The validators' own view geometry: projected points of known place, tilted and turned."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A stand's own shadow is no fault, since the outline is the tube's; a wrong tube's still is."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import manifold3d

@@ -1,7 +1,5 @@
 """Every member of a mount is full of matter, and nothing else joins strands: forged parts are told."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

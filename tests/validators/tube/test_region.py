@@ -1,7 +1,5 @@
 """The tube inside the region, the part inside the printer: exact excess, on both sides of 0."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Polygonal thickness against exact values, against a plain oracle, and against the limits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from knot_curves import curves

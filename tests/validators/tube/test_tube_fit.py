@@ -1,7 +1,5 @@
 """Part and knots belong together, or the check says where they do not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
