@@ -273,3 +273,14 @@ def test_a_plates_listing_is_the_scenes(change: dict[str, object], said: str) ->
     curves = replace(CURVES, members=(), plate=replace(plate, **change))  # type: ignore[arg-type]
     found = check_mount(as_mesh(honest()), curves, Asked(on_feet=True, plate_mm=(4.0, 3.0)))
     assert found.status == "fail" and said in found.detail
+
+
+@pytest.mark.parametrize("corners", [8, 200, 2000])
+def test_points_lie_in_a_solid_by_all_planes_of_its_hull(corners: int) -> None:
+    rng = np.random.default_rng(corners)
+    solid = Solid("a base", rng.normal(size=(corners, 3)) * [30.0, 20.0, 4.0])
+    points = rng.normal(size=(5000, 3)) * [30.0, 20.0, 4.0]
+    near = solid.corners + rng.normal(0, 0.05, (corners, 3))
+    for asked in (points, near, solid.corners):
+        assert (solid.covers(asked) == (solid.hull.depth(asked) >= -0.035)).all()
+    assert solid.covers(points).mean() > 0.1 and solid.covers(solid.corners).all()
