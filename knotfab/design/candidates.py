@@ -191,6 +191,18 @@ _HOURS_AROUND = 0.007  # of the room between the strands, which supports fill in
 
 
 @dataclass(frozen=True)
+class Laid:
+    """Strands as a search begins with them, lying as they would print, mm and mm³, and hours.
+
+    Those along strokes follow a relief of their own: none for a straight line, a deep one for many bends.
+    """
+
+    length_mm: float
+    supports_mm3: float
+    hours: float  # for the supports and the layers
+
+
+@dataclass(frozen=True)
 class Guess:
     """A guess of the part's mass and of the printing time, None for other processes.
 
@@ -216,6 +228,7 @@ def guess_print(
     pieces: int = 1,
     template: Template | None = None,
     outlined_mm2: float = np.inf,
+    laid: Laid | None = None,
 ) -> Guess:
     """Guess mass and printing time from a picture's area, by factors fitted to builds.
 
@@ -227,6 +240,7 @@ def guess_print(
         pieces: pieces of the picture, each drawn by a knot if the scene gives no number of knots.
         template: flat curves that the search starts from, if they are known.
         outlined_mm2: area of a plate of the picture's outline, if that is the mount's.
+        laid: the strands along strokes, where these are known; nothing of them is guessed.
     """
     flat, alone = scene.piece.depth == 0, scene.piece.supports == "none"
     length = sum(areas_mm2) / (2 * radius_mm)
@@ -234,6 +248,7 @@ def guess_print(
         length = sum(float(arc_lengths(curve)[-1]) for curve in template.curves)
     arched = LENGTH_ARCHED[scene.accuracy.name]
     length *= _LENGTH_FLAT if flat else arched if alone else _LENGTH
+    length = length if laid is None else laid.length_mm
     tube, plate = np.pi * radius_mm**2 * length, 0.0
     on_wall = scene.mount.kind == "wall" or scene.mount.on_feet
     if on_wall and scene.mount.foot != "dowel":
@@ -251,9 +266,13 @@ def guess_print(
     around = 0.0 if alone else 1e-3 * sum(areas_mm2) / len(areas_mm2) * depth
     supports = min(ROOM * max(size_mm) ** 2 * depth, 1e3 * _BEHIND * around)
     hours = hours_of_tube(tube, radius_mm, scene.printer) / (1.0 if alone else PER_GRAM)
-    hours += hours_of_plate(plate, scene.mount.thickness_mm, scene.printer) + _HOURS_AROUND * around
-    laid = share_laid(scene.printer, radius_mm) * tube + plate + supports
-    return Guess(float(laid * per_mm3), float(hours), without, alone, float(length))
+    hours += _HOURS_AROUND * around
+    if laid is not None:
+        supports = laid.supports_mm3
+        hours = hours_of_tube(tube, radius_mm, scene.printer, 0.0) + laid.hours
+    hours += hours_of_plate(plate, scene.mount.thickness_mm, scene.printer)
+    filament = share_laid(scene.printer, radius_mm) * tube + plate + supports
+    return Guess(float(filament * per_mm3), float(hours), without, alone, float(length))
 
 
 # One price for all that a choice costs, in hours of printing (docs/prints.md).
@@ -276,11 +295,17 @@ def share_laid(printer: Printer, radius_mm: float) -> float:
     return 1 - (1 - _CORE_FILLED) * beside * above
 
 
-def hours_of_tube(volume_mm3: float, radius_mm: float, printer: Printer) -> float:
-    """Guess how long a tube takes to print in arches, from the loops and the number of its layers."""
+def hours_of_tube(
+    volume_mm3: float, radius_mm: float, printer: Printer, leg_s: float = _LEG_S
+) -> float:
+    """Guess how long a tube takes to print in arches, from the loops and the number of its layers.
+
+    Args:
+        leg_s: for a mm of tube in a layer, beside its loops; a tube that lies has no legs.
+    """
     length = volume_mm3 / (np.pi * radius_mm**2)
     loops = sum(max(radius_mm - at, 0.0) for at in plan_walls(printer, radius_mm).at_mm)
-    each = _LOOPS_S * loops + _LEG_S
+    each = _LOOPS_S * loops + leg_s
     return float(length * each * _LAYER_MM / printer.layer_height_mm / 3600)
 
 

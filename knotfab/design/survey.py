@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from knotfab.design.candidates import (
     LENGTH_ARCHED,
     PICTURE,
     Guess,
+    Laid,
     drawing_radius,
     guess_print,
     line_radius,
@@ -137,6 +138,7 @@ def survey(
     sequence: bool = False,
     choose: bool = True,
     placed: bool = False,
+    lay: Callable[[ResolvedScene, Start, float], Laid] | None = None,
 ) -> Survey:
     """Survey pictures with the tube radius that a build would choose.
 
@@ -144,6 +146,7 @@ def survey(
         targets: one a view, in the views' order, or the frames of a sequence.
         choose: whether to choose the radius; otherwise the thinnest is taken, and no losses are found.
         placed: whether to place strands in depth, as a build begins, where the radius does not ask for it.
+        lay: tells how the strands of a start, of a radius in mm, print best; asked of those along strokes.
 
     Raises:
         InputError: the pictures do not fit the scene.
@@ -186,6 +189,7 @@ def survey(
         first.pieces,
         template,
         _outline_mm2(first, scene),
+        lay(scene, start, radius) if lay and start and first.view.lines else None,
     )
     if refusal is None and scene.piece.printed:
         refusal = refuse_price(guess, scene.piece, first.view.longer_mm)

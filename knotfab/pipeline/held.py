@@ -10,7 +10,7 @@ import numpy as np
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
-from knotfab.design.candidates import hours_of_plate, hours_of_tube, price_of
+from knotfab.design.candidates import Laid, hours_of_plate, hours_of_tube, price_of
 from knotfab.design.design import Design
 from knotfab.design.survey import Survey
 from knotfab.geometry.overhang import Estimate, Strands, estimate
@@ -20,6 +20,7 @@ from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import rules_of
 from knotfab.part.orient import estimate_print_minutes, propose_turns, rank_turns, strands_of
 from knotfab.picture.read import Target
+from knotfab.problem import Start
 from knotfab.scene.camera import Camera, camera_of, cameras_of
 from knotfab_formats.scene import ResolvedScene
 
@@ -55,13 +56,25 @@ def refuse_holder(found: Survey) -> SceneError | None:
         return None
     framed = tuple(seen.view for seen in found.views)
     cameras = cameras_of(framed, [seen.target for seen in found.views])
-    knots = Knots(tuple(Knot(curve) for curve in found.start.curves), found.radius_mm)
+    knots = _knots_of(found.start, found.radius_mm)
     try:
         masks = [seen.target.mask for seen in found.views]
         require_holder(found.scene.but(views=framed), knots, cameras, masks)
     except SceneError as error:
         return error
     return None
+
+
+def lay_strands(scene: ResolvedScene, start: Start, radius: float) -> Laid:
+    """Tell how the strands that a search begins with lie on the bed where that costs least."""
+    strands = strands_of(_knots_of(start, radius), most=_RODS)
+    best = rank_turns(strands, propose_turns(strands), rules_of(scene))[0].estimate
+    length = float(strands.length.sum())
+    return Laid(length, 1e3 * best.filament_cm3, estimate_print_minutes(best) / 60)
+
+
+def _knots_of(start: Start, radius: float) -> Knots:
+    return Knots(tuple(Knot(curve) for curve in start.curves), radius)
 
 
 def can_hold(scene: ResolvedScene) -> list[Kind]:

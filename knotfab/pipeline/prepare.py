@@ -302,12 +302,14 @@ def _survey(call: Call, sequence: bool, printing: bool, placed: bool = False) ->
     scene = call.scene.but(piece=call.scene.piece.but(printed=printing))
     lost = len(call.targets) == 1 and _is_scattered(call.targets[0], scene)
     held = scene.mount.kind in ("stand", "hang") and not scene.settings.free_view
+    strokes = any(view.lines for view in scene.views)
     choose = call.budget_s is None and not lost
-    found = survey(scene, call.targets, sequence, choose, placed or held)
-    if held and found.refusal is None:
+    if held or strokes:
         # imported only now, as in prepare_build
-        from knotfab.pipeline.held import refuse_holder
-
+        from knotfab.pipeline.held import lay_strands, refuse_holder
+    lay = lay_strands if strokes else None
+    found = survey(scene, call.targets, sequence, choose, placed or held or strokes, lay)
+    if held and found.refusal is None:
         found = replace(found, refusal=refuse_holder(found))
     error = found.refusal
     if lost:

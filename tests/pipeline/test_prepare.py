@@ -1,6 +1,8 @@
 """A call that may begin: where it will be built, and what its pieces are called."""
 
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from PIL import Image, ImageDraw
 from knotfab.base.progress import Progress
 from knotfab.picture.raster import encode_mask
 from knotfab.pipeline.options import ALL_OUT, BuildOptions, options_from
-from knotfab.pipeline.prepare import prepare_build
+from knotfab.pipeline.prepare import prepare_build, survey_pictures
 from knotfab.pipeline.read_lamps import Call, read_lamps
 from knotfab.request import Request
 from knotfab.scene.catalogue import resolve
@@ -104,7 +106,7 @@ def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path)
         (square, {}, "roots"),
         (square, {"wall_distance": "120"}, "auto"),
         (square, {"mount": "none"}, "auto"),
-        (square, {"mount": "hang"}, "auto"),
+        (square, {"mount": "hang", "tube_radius": 3}, "auto"),
         ("text:i", {"wall_distance": "120"}, "rounded"),  # two loose knots
     ):
         request = prepare(drawn, print=True, **more)
@@ -113,6 +115,13 @@ def test_a_piece_that_may_do_without_supports_is_designed_so_first(square: Path)
     for printed, printer in ((False, "prusa-mk4"), (True, "sls"), (True, "form-3")):
         request = prepare(square, supports="auto", print=printed, printer=printer)
         assert request.otherwise is None and not request.why_supported
+
+
+@pytest.mark.slow
+def test_a_hanger_without_a_place_takes_the_slicer_s_supports_at_once(square: Path) -> None:
+    request = prepare(square, print=True, mount="hang")
+    assert request.scene.piece.supports == "slicer" and request.otherwise is None
+    assert request.why_supported.startswith("no eyelet has room")
 
 
 @pytest.mark.slow
@@ -223,3 +232,43 @@ def test_what_does_not_go_with_lamps_is_refused(options: dict[str, object], why:
     scene = scene.but(views=(View(**reading),)) if reading else scene
     with pytest.raises(InputError, match=why):
         call(scene, "a.png", **{"lamps": "rgb", **options})
+
+
+_PLA_G_MM3 = 1.24e-3
+# strokes 6 px wide of 400, and grams and hours by PrusaSlicer of what was built at draft with no holder
+STROKES: dict[str, tuple[Callable[[ImageDraw.ImageDraw], object], float, float]] = {
+    "line": (lambda d: d.line((40, 200, 360, 200), 0, 6), 0.62, 0.067),
+    "ring": (lambda d: d.ellipse((60, 60, 340, 340), outline=0, width=6), 4.33, 0.67),
+    "small ring": (lambda d: d.ellipse((140, 140, 260, 260), outline=0, width=6), 1.74, 0.39),
+    "star": (
+        lambda d: [
+            d.line((200, 200, 200 + 150 * x, 200 + 150 * y), 0, 6)
+            for x, y in ((1, 0), (-0.5, 0.87), (-0.5, -0.87))
+        ],
+        2.0,
+        0.41,
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STROKES)
+def test_strokes_are_promised_as_they_print(name: str, tmp_path: Path) -> None:
+    draw, grams, hours = STROKES[name]
+    sheet = Image.new("L", (400, 400), 255)
+    draw(ImageDraw.Draw(sheet))
+    sheet.save(path := tmp_path / "strokes.png")
+    options = options_from({"accuracy": "draft", "mount": "none", "out": str(tmp_path / "out")})
+    found = survey_pictures([str(path)], options)
+    guess, tube = found.guess, np.pi * found.radius_mm**2 * found.guess.length_mm * _PLA_G_MM3
+    assert guess.hours is not None
+    assert guess.mass_g == pytest.approx(grams, rel=0.25)
+    assert guess.hours == pytest.approx(hours, rel=0.25)
+    # what is straight lies on the bed, in strands there and back
+    assert (guess.mass_g < 1.1 * tube) == (name == "line")
+    if name == "line":
+        assert guess.length_mm == pytest.approx(2 * found.views[0].piece_mm[0], rel=0.05)
+    # a build promises the same
+    printed = replace(options, print_=True)
+    promise = prepare_build([str(path)], printed, "", Progress("quiet")).promise
+    assert promise is not None and promise.grams == pytest.approx(guess.mass_g)
