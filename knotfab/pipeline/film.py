@@ -17,12 +17,13 @@ from knotfab.knots import count_in_words, read_knots
 from knotfab.limits.feasibility import LEAST
 from knotfab.part.slicer_process import sum_slicings
 from knotfab.picture.frames import count_knots, tell_apart
-from knotfab.pipeline.finish import report_piece
+from knotfab.pipeline.finish import prefer_other_way, report_piece
 from knotfab.pipeline.piece import Settled, WrittenPiece
 from knotfab.pipeline.plan import plan_places, tell_outcome
 from knotfab.pipeline.workshop import Workshop
 from knotfab.plan import Steps, Try
 from knotfab.report.for_maker import report_slicing, tell_unsliced, with_slicing
+from knotfab.report.report import check_certificate, check_limits
 from knotfab.report.supports import sum_supports
 from knotfab.request import Request
 from knotfab.scene.load import dump_scene
@@ -58,6 +59,9 @@ def plan_film(
 
     Returns:
         The frames, and the report of all.
+
+    Raises:
+        SceneError: a frame has no part or breaks a limit, and the request has another scene to build.
     """
     folder, progress, targets = shop.folder, shop.progress, request.targets
     knots = count_knots(targets, request.scene.piece.knots)
@@ -72,7 +76,11 @@ def plan_film(
         try:
             settled: Settled | str = yield from plan_places(request, one, frame.made, progress)
         except SceneError as error:
+            if request.otherwise is not None:
+                raise
             settled = str(error)
+        made = frame.made if isinstance(settled, str) else settled[0]
+        prefer_other_way(request, (check_certificate(made), check_limits(made)))
         suffix = "-" + one[0].name.removeprefix("frame-")
         found[number] = frame, shop.write(request, one, frame.made, settled, suffix)
     frames, pieces = zip(*(found[number] for number in sorted(found)), strict=True)

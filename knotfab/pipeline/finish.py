@@ -67,7 +67,7 @@ def report_piece(
     """
     made, part = piece.made, piece.part
     if part is None:
-        _prefer_other_way(request, piece.verdict.checks)
+        prefer_other_way(request, piece.verdict.checks)
         return _report_unbuilt(piece, request)
     mounted, printing = part.mounted, request.printing
     cameras = cameras_of(piece.scene.views, piece.targets)
@@ -81,7 +81,7 @@ def report_piece(
         verdict = piece.verdict
         own = (check_3mf(said), check_certificate(made), check_limits(made), mounted.check_sag())
         checks = [*verdict.checks, *(check for check in own if check is not None)]
-    _prefer_other_way(request, checks)
+    prefer_other_way(request, checks)
     with progress.stage("report"):  # while PrusaSlicer slices
         views = _list_views(piece, printing, verdict)
         judged = worst_verdict(views)
@@ -106,7 +106,7 @@ def report_piece(
     sliced = _wait_for_slicer(piece, progress)
     with progress.stage("report"):
         checks += [] if sliced is None else [check_slicing(sliced)]
-        _prefer_other_way(request, checks)
+        prefer_other_way(request, checks)
         if printing:
             print_ = with_slicing(print_, sliced)
             checks += check_price(print_, piece.scene.piece)
@@ -116,7 +116,7 @@ def report_piece(
         return report_of(request, made, piece.knots, *found)
 
 
-def _prefer_other_way(request: Request, checks: Sequence[Check]) -> None:
+def prefer_other_way(request: Request, checks: Sequence[Check]) -> None:
     """Reject a piece that fails a required check if the request can be built in another way.
 
     Raises:

@@ -13,18 +13,22 @@ import pytest
 import trimesh
 from command import knotfab
 from PIL import Image, ImageDraw
-from reports import report_with
+from reports import check_of, report_with
 
+from knotfab.base.errors import SceneError
+from knotfab.base.progress import Progress
 from knotfab.part.slicer_process import REMEDY, find_slicer
 from knotfab.picture.frames import read_frames
+from knotfab.pipeline import film
 from knotfab.pipeline.build import run_build
 from knotfab.pipeline.film import advise, check_closing, check_motion, list_effects
+from knotfab.plan import Attempts
 from knotfab.request import Outcome, Request
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Accuracy, Mount, Piece
 from knotfab_formats.report import Motion
 from knotfab_formats.scene import Scene
-from knotfab_formats.verdict import KNOTS, MESH, PRINTING
+from knotfab_formats.verdict import KNOTS, MESH, PRINTING, Check
 from knotfab_formats.views import View
 
 FRAME_MM, RADIUS_MM = 45.0, 1.8  # small parts are soon sliced and verified
@@ -245,3 +249,59 @@ def test_an_effect_counts_in_the_stages_of_all_frames() -> None:
     (line,) = list_effects(frames)
     assert (line.magnitude, line.calls, line.seconds) == (3.0, 30, 1.0)
     assert line.where == ("depth", "verification")
+
+
+class Searched(Exception):
+    """All frames were searched."""
+
+
+@pytest.mark.parametrize("fault", ["limits", "part"])
+@pytest.mark.parametrize("otherwise", [True, False])
+def test_only_a_sequence_with_no_other_way_goes_on_beyond_a_frame_that_fails(
+    fault: str, otherwise: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = list[str]()
+
+    def plan_frame(number: int, _: str) -> Any:
+        yield from ()
+        return SimpleNamespace(made=number)
+
+    def settle(_: Request, __: Any, made: int, ___: Any) -> Any:
+        yield from ()
+        if made == 1 and fault == "part":
+            raise SceneError("the stand", "a wall is near", "Use --mount hang")
+        return made, None, None
+
+    def limits(made: int) -> Check:
+        return check_of("limits", "fail" if made == 1 and fault == "limits" else "pass")
+
+    def write(*given: Any) -> Any:
+        written.append(given[-1])
+        return SimpleNamespace(scene=None)
+
+    def end(*_: object) -> None:
+        raise Searched
+
+    chain = SimpleNamespace(order=[0, 1, 2], plan=plan_frame)
+    fakes = {
+        "count_knots": lambda *_: 1,
+        "tell_apart": lambda *_: None,
+        "Chain": lambda *_: chain,
+        "plan_places": settle,
+        "check_certificate": lambda _: check_of("isotopy"),
+        "check_limits": limits,
+        "write_scene": end,
+    }
+    for name, fake in fakes.items():
+        monkeypatch.setattr(film, name, fake)
+    progress = SimpleNamespace(total=0.0)
+    frames = [SimpleNamespace(name=f"frame-{k}") for k in range(3)]
+    scene = SimpleNamespace(piece=SimpleNamespace(knots=None))
+    request: Any = SimpleNamespace(
+        targets=frames, scene=scene, device=None, otherwise=scene if otherwise else None
+    )
+    request.budget = lambda _: None
+    shop: Any = SimpleNamespace(folder=None, progress=progress, write=write)
+    with pytest.raises(SceneError if otherwise else Searched):
+        Attempts(Progress("quiet")).carry_out(film.plan_film(shop, request))
+    assert written == (["-0"] if otherwise else ["-0", "-1", "-2"])
