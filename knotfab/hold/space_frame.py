@@ -125,7 +125,9 @@ def assemble_frame(
     matrix = coo_matrix((values, (rows, columns)), shape=(6 * n, 6 * n)).tocsc()
     loose = np.flatnonzero(~held)
     try:
-        factor = splu(matrix[loose][:, loose], permc_spec="MMD_AT_PLUS_A")
+        # symmetric and positive: other pivots fill the factors four times as much
+        how = {"diag_pivot_thresh": 0.001, "options": {"SymmetricMode": True}}
+        factor = splu(matrix[loose][:, loose], permc_spec="MMD_AT_PLUS_A", **how)
     except RuntimeError as error:
         raise ValueError("a joint is not held") from error
     return SpaceFrame(n, loose, force, factor)
