@@ -170,7 +170,10 @@ def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: 
 
 # Grace: the energy of an elastic curve under tension, which is low for curves that please the eye.
 
-_TENSION = 0.5  # cost of one tube radius of length, in units of the bending energy
+# cost of one tube radius of length, in units of the bending energy
+TENSION_LYING = 0.5
+# of strands in arches: those that run longer must rise higher, too. It is as much as costs .0006 of IoU
+TENSION_ARCHED = 1.4
 
 
 @dataclass(frozen=True)
@@ -185,6 +188,7 @@ class Grace(Term):
 
     radius_mm: float
     weight: float
+    tension: float = TENSION_LYING
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         following, previous = state.rings.next, state.rings.previous
@@ -201,10 +205,10 @@ class Grace(Term):
         pull = 2.0 * by_turn[:, None] * turn
         pull = pull[previous] - pull  # gradient by the unit edges
         along = (pull * unit).sum(axis=1)
-        stretch = 0.5 * (by_length + by_length[previous]) + _TENSION / self.radius_mm
+        stretch = 0.5 * (by_length + by_length[previous]) + self.tension / self.radius_mm
         edges = (pull - along[:, None] * unit) / _divisor(one)[:, None] + stretch[:, None] * unit
         scale = self.weight * weights.grace
-        total = float(shares.sum()) + _TENSION * float(one.sum()) / self.radius_mm
+        total = float(shares.sum()) + self.tension * float(one.sum()) / self.radius_mm
         return scale * total, scale * follow_edges(edges, state.rings)
 
 

@@ -20,7 +20,15 @@ from knotfab.limits.terms import Guard, Limits
 from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
 from knotfab.render.image import ViewImage
 from knotfab.search.flow import Between, Phase
-from knotfab.search.objective import Grace, Objective, Pose, Spill, Term
+from knotfab.search.objective import (
+    TENSION_ARCHED,
+    TENSION_LYING,
+    Grace,
+    Objective,
+    Pose,
+    Spill,
+    Term,
+)
 from knotfab.search.upright import Upright
 from knotfab_formats.search import SearchSettings
 
@@ -175,7 +183,8 @@ def begin_search(
 ) -> SearchState:
     """Build the state at the start of a search, with the effects judged there."""
     if settings.grace > 0:
-        terms += (Grace(radius, settings.grace),)
+        tension = TENSION_ARCHED if problem.arched else TENSION_LYING
+        terms += (Grace(radius, settings.grace, tension),)
     points = np.concatenate(start.curves)
     if problem.arched:
         up = problem.views[0].axes[2]

@@ -14,7 +14,16 @@ from knotfab.geometry.measures import Neighbours, find_neighbours, measure_curva
 from knotfab.limits.terms import Felt, State
 from knotfab.problem import Problem, Start
 from knotfab.search.flow import FlowSettings, Phase
-from knotfab.search.objective import SHARPEST, Grace, Objective, Spill, Weights, add_limits
+from knotfab.search.objective import (
+    SHARPEST,
+    TENSION_ARCHED,
+    TENSION_LYING,
+    Grace,
+    Objective,
+    Spill,
+    Weights,
+    add_limits,
+)
 from knotfab.search.state import begin_search
 from knotfab_formats.search import PRESETS
 
@@ -214,12 +223,14 @@ def test_pictures_in_double_precision_tell_the_same_more_exactly(points: Array) 
 # differences.
 
 
-def felt(points: Array, radius: float, weight: float = 1.0) -> Felt:
-    return Grace(radius, weight)(state_at(points, 1.0), Weights())
+def felt(points: Array, radius: float, weight: float = 1.0, tension: float = TENSION_LYING) -> Felt:
+    return Grace(radius, weight, tension)(state_at(points, 1.0), Weights())
 
 
-def energy(points: Array, radius: float, weight: float = 1.0) -> float:
-    return felt(points, radius, weight)[0]
+def energy(
+    points: Array, radius: float, weight: float = 1.0, tension: float = TENSION_LYING
+) -> float:
+    return felt(points, radius, weight, tension)[0]
 
 
 def circle(radius: float, count: int = 400) -> Array:
@@ -234,11 +245,12 @@ def test_grace_of_a_circle_is_its_turn_and_half_its_length(size: float) -> None:
     assert energy(circle(size), 1.5) == pytest.approx(bending + 0.5 * stretched, rel=1e-4)
 
 
-def test_a_free_circle_is_as_large_as_both_parts_ask() -> None:
-    # Euler's elastica: of r / R and L / 2r the sum is least at R = r * sqrt(2)
+@pytest.mark.parametrize("tension", [TENSION_LYING, TENSION_ARCHED])
+def test_a_free_circle_is_as_large_as_both_parts_ask(tension: float) -> None:
+    # Euler's elastica: of r / R and the tension times R / r the sum is least at R = r / sqrt(tension)
     sizes = np.linspace(1.0, 4.0, 61)
-    found = [energy(circle(size), 1.5) for size in sizes]
-    assert sizes[np.argmin(found)] == pytest.approx(1.5 * np.sqrt(2), abs=0.05)
+    found = [energy(circle(size), 1.5, tension=tension) for size in sizes]
+    assert sizes[np.argmin(found)] == pytest.approx(1.5 / np.sqrt(tension), abs=0.05)
 
 
 def test_it_is_free_of_scale_and_in_proportion_to_its_weight() -> None:
@@ -253,7 +265,7 @@ def test_it_is_free_of_scale_and_in_proportion_to_its_weight() -> None:
 
 def test_its_slope_is_that_of_finite_differences() -> None:
     points = circle(10.0, 40) + 0.4 * np.sin(np.arange(120.0)).reshape(40, 3)
-    assert_slope(lambda p: felt(p, 1.0), points)
+    assert_slope(lambda p: felt(p, 1.0, tension=TENSION_ARCHED), points)
 
 
 def test_an_edge_without_length_has_a_slope_that_is_finite() -> None:
