@@ -177,7 +177,7 @@ _LENGTH, _LENGTH_FLAT = 1.45, 1.12
 # length of strands that print without supports over that of those with, and hours a gram (docs/prints.md)
 ARCHES, PER_GRAM = 1.46, 1.08
 # their length over that of the flat start: longer searches leave more of it, for they close what is light
-LENGTH_ARCHED = {"sketch": 1.57, "draft": 1.71, "standard": 1.93, "fine": 2.0}
+LENGTH_ARCHED = {"sketch": 1.53, "draft": 1.62, "standard": 1.75, "fine": 1.8}
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
 ROOM = 0.02
 # and at most of the room behind the picture, its area times the depth: strokes alone ask for little
