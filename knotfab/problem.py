@@ -221,7 +221,7 @@ class SearchResult:
     numbers: ViewNumbers | None = None  # of a pose that the search found
     guards: Mapping[str, Guard] = field(default_factory=dict)  # by the limit's name
     ended: str = ""
-    state: Any = None  # of the search, from which another may go on
+    state: Any = None  # in which the search ended: another may go on from it
 
     @property
     def iou_estimate(self) -> float:

@@ -289,7 +289,8 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 # Legs: where a strand without supports ends up too far from all others for a bar, or too flat.
 
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
-_LOW_SHARE = 0.25  # of a leg's height: an arch before it, by which flanks of 46 degrees get 57
+# greatest height of the arch before a leg that is flat in places, over the leg's: 46 degrees become 57
+_LOW_SHARE = 0.25
 _SEEN_EVERY = 8  # points along a leg, each that is looked for in the start
 
 

@@ -233,9 +233,9 @@ def plan_bars(
             latest = begin[:-1] + ((tied + most) / _STEP_MM).astype(int)
             waiting = np.flatnonzero(total - tied > most)
             leg = int(waiting[points[latest[waiting], 2].argmin()])
-            lowest = begin[leg] + int(max(tied[leg], 3 * radius) / _STEP_MM) + 1
+            above = begin[leg] + int(max(tied[leg], 3 * radius) / _STEP_MM) + 1
             best: tuple[float, Bar, int] | None = None
-            for n in range(latest[leg], lowest, -_BACK):
+            for n in range(latest[leg], above, -_BACK):
                 least = 0.0 if best is None else best[0]
                 if best is not None and (
                     not thrifty or spares(leg, along[n]) + _MOST_SPARED <= least

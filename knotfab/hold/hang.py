@@ -129,10 +129,9 @@ def plan_hang(
         SceneError: a knot cannot be reached, or no eyelet has a place.
     """
     work = begin_hang(knots, cameras, targets, clearance_mm, stiffness, least_radius_mm, ends, bed)
-    across = cameras[0].level_axes[0]
     found = []
     fixed = len(cameras) == 1 or lost_by_turning(knots, cameras, targets) >= TURN_LOSS
-    for offsets in work.list_pairs(across) if fixed else []:
+    for offsets in work.list_pairs() if fixed else []:
         try:
             found.append(work.plan(offsets))
         except SceneError:
@@ -199,8 +198,8 @@ def begin_hang(
             "no strut rises from one knot to the next so steeply that it prints",
             UNSUPPORTED,
         ) from error
-    wire, across = max(thin, least_radius_mm), cameras[0].level_axes[0]
-    blank = Eyelet(np.zeros(3), across, 0.5 * HOLE_MM + wire, wire)
+    wire = max(thin, least_radius_mm)
+    blank = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
     return _Hanger(
         knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank, bed
     )
@@ -247,9 +246,10 @@ class _Hanger:
     def middle(self) -> Array:
         return _centre_of_mass(masses_of(self.knots, self.joints))
 
-    def list_pairs(self, across: Array) -> list[Array]:
+    def list_pairs(self) -> list[Array]:
         """List offsets (2, 3) of two eyelets from the centre of mass, mm; pairs that show least first."""
-        width, found = float(np.ptp(self.knots.points @ across)), list[tuple[float, Array]]()
+        across, found = self.blank.through, list[tuple[float, Array]]()
+        width = float(np.ptp(self.knots.points @ across))
         for share in SPANS:
             if share * width < LEAST_SPAN_MM:
                 break
@@ -271,7 +271,7 @@ class _Hanger:
         try:
             self.choose(self.middle, np.zeros((1, 3)))
         except SceneError:
-            if not self.list_pairs(self.blank.through):
+            if not self.list_pairs():
                 raise
 
     def choose(self, middle: Array, offsets: Array) -> tuple[list[Candidates], list[Eyelet]]:

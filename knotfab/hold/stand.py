@@ -53,7 +53,8 @@ STRETCHES = 50  # stretches of about equal length along the tubes
 BRIDGES = 200  # visible struts between two knots, likewise
 FINE_RADII = 0.5  # between the joints of the frame that is the second opinion
 COARSE = 24  # samples of a member whose cost is first guessed
-START_PLAY = 0.005  # of a base about the strands that a search begins with: they move by as much
+# share of its sides by which a base about the strands of a start may be too near: a search moves them so far
+START_PLAY = 0.005
 LENGTH_WEIGHT = 0.02  # pixels: among members that show equally little the shortest is taken
 
 

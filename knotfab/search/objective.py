@@ -172,7 +172,7 @@ def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: 
 
 # cost of one tube radius of length, in units of the bending energy
 TENSION_LYING = 0.5
-# of strands in arches: those that run longer must rise higher, too. It is as much as costs .0006 of IoU
+# of strands in arches, which must also rise higher where they run longer; it costs .0006 of IoU
 TENSION_ARCHED = 1.4
 
 
