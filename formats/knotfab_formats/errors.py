@@ -37,6 +37,11 @@ def short(thing: object) -> str:
     return shown(thing, 80)
 
 
+def in_digits(value: float, digits: int = 2) -> str:
+    """Write a number in so many significant digits, never with an exponent below a million: 6.1, 100."""
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
 def spelled(text: str) -> str:
     """Replace bytes of a name that are not UTF-8 by their numbers, so that any encoding can hold it."""
     return re.sub("[\ud800-\udfff]", lambda found: shown(found[0]), text)

@@ -14,6 +14,7 @@ from knotfab.design.small import Found
 from knotfab.design.survey import SPILL, Survey, ViewSurvey, smaller_size
 from knotfab.picture.opening import is_row
 from knotfab.picture.read import Target
+from knotfab_formats.errors import in_digits
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 _SMALL = 0.6  # share of a picture's sides below which its drawing is offered alone
@@ -222,7 +223,7 @@ def _round(value: float, unit: str) -> str:
     least = {"g": 1.0, "h": 0.1}[unit]
     if value < least:
         return f"less than {least:g} {unit}"
-    return f"{value:.2g} {unit}" if value < 100 else f"{round(value, -1):.0f} {unit}"
+    return f"{in_digits(value)} {unit}"
 
 
 def list_figures(found: Survey) -> dict[str, Any]:

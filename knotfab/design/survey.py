@@ -44,6 +44,7 @@ from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.lift import refuse_doubled
 from knotfab.start.start import make_start, make_template
+from knotfab_formats.errors import in_digits
 from knotfab_formats.piece import Piece
 from knotfab_formats.scene import ResolvedScene, ResolvedView
 
@@ -351,7 +352,7 @@ def refuse_price(guess: Guess, asked: Piece, size_mm: float) -> SceneError | Non
     ):
         if most is not None and found is not None and found > GUESSED * most:
             size = smaller_size(size_mm, most / found, power)
-            why = f"this piece would take about {found:.3g} {unit}"
+            why = f"this piece would take about {in_digits(found, 3)} {unit}"
             return SceneError(f"{option} {most:g}", why, f"Use --size {size}")
     return None
 

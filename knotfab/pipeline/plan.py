@@ -32,6 +32,7 @@ from knotfab.pipeline.workshop import Made, Workshop
 from knotfab.plan import Steps, Try
 from knotfab.report.rows import SEEN_SHARE
 from knotfab.request import Request
+from knotfab_formats.errors import in_digits
 from knotfab_formats.report import Report
 from knotfab_formats.verdict import WORDS as BEST_FIRST
 from knotfab_formats.verdict import list_unmet
@@ -190,8 +191,8 @@ def _settle_held(
     except SceneError as error:
         return error.why
     sag = settled[1].mounted.check_sag()
-    if sag is not None and sag.status == "fail":
-        return f"it sags {sag.measured:.2g} mm"
+    if sag is not None and sag.status == "fail" and isinstance(sag.measured, float):
+        return f"it sags {in_digits(sag.measured)} mm"
     return (_tell_dark(settled) if pale else "") or settled
 
 
@@ -227,7 +228,7 @@ def _try_part(
 
     def judge(settled: _Settled) -> str:
         if settled.over_mm > 0:
-            return f"it sags {settled.over_mm:.2g} mm too much"
+            return f"it sags {in_digits(settled.over_mm)} mm too much"
         if settled.proposed_mm is not None:
             return f"it needs much support; {settled.proposed_mm:.0f} mm deep it would not"
         return "made"

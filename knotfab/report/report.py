@@ -20,7 +20,7 @@ from knotfab.report.effects import list_effects, list_limits
 from knotfab.report.for_maker import report_slicing
 from knotfab.request import Request
 from knotfab.scene.catalogue import title_of
-from knotfab_formats.errors import plain
+from knotfab_formats.errors import in_digits, plain
 from knotfab_formats.libraries import list_parts
 from knotfab_formats.piece import Piece
 from knotfab_formats.print_figures import MountFigures, Print
@@ -86,7 +86,7 @@ def check_price(print_: Print, asked: Piece) -> list[Check]:
             why = "no slicer has told what the piece takes"
             found.append(Check(name, "skipped", False, None, most, name, why))
         elif most is not None and took is not None:
-            remedy = f"a smaller --size or --max-{name} {took * 1.02:.3g} would do"
+            remedy = f"a smaller --size or --max-{name} {in_digits(took * 1.02, 3)} would do"
             found.append(at_most(name, took, most, name, remedy if took > most else ""))
     return found
 

@@ -37,7 +37,7 @@ from knotfab.pipeline.read_lamps import Call
 from knotfab.problem import Start
 from knotfab.report.pictures import draw_survey
 from knotfab.scene.catalogue import resolve
-from knotfab_formats.errors import InputError
+from knotfab_formats.errors import InputError, in_digits
 from knotfab_formats.piece import Accuracy, Piece, Printer
 from knotfab_formats.scene import Scene
 from knotfab_formats.search import search_settings
@@ -348,6 +348,13 @@ def test_no_guess_is_absurd(width: float, said: str) -> None:
     assert said in describe(survey(scene, [read_target("text:o")]))[-1]
 
 
+@pytest.mark.parametrize("value", [*np.geomspace(1e-3, 9e5, 40), 99.5, 99.49, 100.4])
+def test_numbers_in_sentences_have_no_exponent(value: float) -> None:
+    """100 g were promised as "1e+02 g"."""
+    said = in_digits(value)
+    assert set(said) <= set("0123456789.") and float(said) == pytest.approx(value, rel=0.05)
+
+
 def test_the_guess_adds_up_several_pictures() -> None:
     seen, scene = survey(resolve(Scene()), [read_target("text:o")]).views[0], resolve(Scene())
     one, two = (
@@ -382,11 +389,11 @@ def test_the_radius_is_that_of_the_build(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "thinner"),
+    ("name", "parted"),
     [("text:Hello", True), ("text:LOVE", True), ("examples/cat.png", False), ("bird", False)],
 )
 def test_a_word_is_drawn_by_the_thickest_tube_that_draws_it_clearly(
-    name: str, thinner: bool, tmp_path: Path
+    name: str, parted: bool, tmp_path: Path
 ) -> None:
     """The usual ones drew its letters bold and with knobs; one large piece keeps its usual tube."""
     if name == "bird":
@@ -396,10 +403,20 @@ def test_a_word_is_drawn_by_the_thickest_tube_that_draws_it_clearly(
     choice = radius.choose_radius(question, search_settings("standard", {}), placed=False)
     score = {trial.radius_mm: trial.template_iou for trial in choice.trials}
     (usual, *_), _ = usual_radii(question.views, THINNEST_MM, 2)
-    assert (choice.radius_mm < usual) == thinner
-    if thinner:
+    if not parted:
+        assert choice.radius_mm >= usual
+    else:
         assert score[choice.radius_mm] >= radius._CLEAR
         assert all(score[r] < radius._CLEAR for r in score if r > choice.radius_mm)
+
+
+@pytest.mark.parametrize(
+    "name", ["text:Hello", "text:|", "examples/teapot.png", "examples/cat.png"]
+)
+def test_a_turned_picture_has_the_same_radii(name: str) -> None:
+    (view,) = ask(resolve(Scene()), [read_target(name)]).views
+    turned = view.but(frame_width_mm=view.frame_height_mm, frame_height_mm=view.frame_width_mm)
+    assert usual_radii([view], 0.8, 16) == usual_radii([turned], 0.8, 16)
 
 
 def test_a_build_to_print_says_and_refuses_what_a_preview_says(tmp_path: Path) -> None:
