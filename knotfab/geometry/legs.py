@@ -20,7 +20,6 @@ SUNK_MM = 0.5  # depth of a bar's end in its strand
 MOST_BAR_MM = 9.0  # between the surfaces that a bar joins
 _STEP_MM = 0.4  # spacing of the points on a leg
 _PROMINENT_MM = 1.0  # least height by which a peak or valley stands out
-_SPARE = 0.99  # share of the longest free leg, for the steps along it; layers find legs 3 to 10 % stiffer
 _LEAST_MM = 0.3  # what is nearer is joined as it prints, or by no bar that could be broken
 _MOST_SPARED = 1.5  # by one tie, of a leg
 _TRIED = 8  # points at the same height
@@ -146,12 +145,13 @@ def plan_bars(
     """
     if not legs:
         return [], np.empty((0, 3))
-    most = _SPARE * longest_free_leg_mm(radius, young_modulus_mpa)
+    most = longest_free_leg_mm(radius, young_modulus_mpa) + 0.5 * BAR_MM[1]  # to a bar's side
     sizes = [len(leg.points) for leg in legs]
     points = np.concatenate([leg.points for leg in legs])
     own = np.repeat(np.arange(len(legs)), sizes)
     along = np.concatenate([_STEP_MM * np.arange(size) for size in sizes])
-    total = _STEP_MM * np.array(sizes)
+    free = _find_free(legs, radius)
+    total = free[:, 1]
     begin = np.cumsum([0, *sizes])
     steps = np.concatenate([np.gradient(leg.points, axis=0) for leg in legs])
     ways = steps / np.linalg.norm(steps, axis=1)[:, None]
@@ -225,7 +225,7 @@ def plan_bars(
         return found if _is_clear(found, points[beside], radius) else None
 
     def tie_legs(thrifty: bool) -> tuple[list[Bar], Array]:
-        tied[:] = 0.0
+        tied[:] = free[:, 0]
         bars, lacking = list[Bar](), list[Array]()
         ties = list[tuple[int, int]]()  # the points that each bar joins
         while (total - tied > most).any():
@@ -256,7 +256,7 @@ def plan_bars(
         kept = _drop_spare(
             [bar.gap_mm for bar in bars],
             [[(int(own[n]), float(along[n])) for n in pair] for pair in ties],
-            total,
+            free,
             most,
         )
         return [bars[n] for n in kept], np.array(lacking).reshape(-1, 3)
@@ -265,6 +265,27 @@ def plan_bars(
     # a bar lower down may leave its leg out of reach of the next one
     tried = [tie_legs(False), *([tie_legs(True)] if thrifty else [])]
     return min(tried, key=lambda one: (len(one[1]), len(one[0])))
+
+
+def _find_free(legs: list[Leg], radius: float) -> Array:
+    """Find where along each leg it begins to stand free, and ends, (n, 2) mm.
+
+    Near a valley or a peak its two legs are one: within two radii, surely. Below, they count as high as
+    that is, for together they are far stiffer.
+    """
+    found = np.array([[0.0, _STEP_MM * len(leg.points)] for leg in legs])
+    for end in (0, -1):
+        first = dict[bytes, int]()
+        for number, leg in enumerate(legs):
+            other = first.setdefault(leg.points[end].tobytes(), number)
+            for here, there in ((number, other), (other, number)) if other != number else ():
+                one, beside = legs[here].points[:: 2 * end + 1], legs[there].points
+                height = np.maximum.accumulate(beside[:, 2])
+                apart = [one[:, k] - np.interp(one[:, 2], height, beside[:, k]) for k in (0, 1)]
+                count = int(np.argmax(np.hypot(*apart) > 2 * radius))
+                saved = _STEP_MM * count - (0.0 if end else one[count, 2] - one[0, 2])
+                found[here, end] += max(saved, 0.0) * (2 * end + 1)
+    return found
 
 
 def hide_behind(mask: Mask, projection: Array) -> Callable[[Array], bool]:
@@ -284,24 +305,24 @@ def hide_behind(mask: Mask, projection: Array) -> Callable[[Array], bool]:
 
 
 def _drop_spare(
-    gaps: list[float], ties: list[list[tuple[int, float]]], total: Array, most: float
+    gaps: list[float], ties: list[list[tuple[int, float]]], free: Array, most: float
 ) -> list[int]:
     """Choose which bars stay: each without which a leg would stand free for more than `most` mm.
 
     Args:
         gaps: of the bars, the widest of which goes first. ties: the two legs that each joins, and how far
             along.
-        total: the legs' lengths.
+        free: as `_find_free` says.
     """
-    along = [sorted(at for pair in ties for leg, at in pair if leg == n) for n in range(len(total))]
+    along = [sorted(at for pair in ties for leg, at in pair if leg == n) for n in range(len(free))]
     kept = set(range(len(gaps)))
     for bar in sorted(kept, key=lambda n: -gaps[n]):
         for leg, at in ties[bar]:
-            rest = along[leg].copy()
+            rest, (foot, end) = along[leg].copy(), free[leg]
             rest.remove(at)
-            longest = np.diff([0.0, *rest, total[leg]]).max()
+            longest = np.diff([foot, *rest, end]).max()
             # where a leg lacks a bar it stands free for longer, whatever else holds it
-            if longest > max(most, np.diff([0.0, *along[leg], total[leg]]).max()):
+            if longest > max(most, np.diff([foot, *along[leg], end]).max()):
                 break
         else:
             kept.remove(bar)

@@ -44,6 +44,7 @@ def test_a_leg_goes_from_each_valley_to_each_peak_beside_it(
     ("height", "across_mm", "apart_mm", "hidden", "bars", "lacking"),
     [
         (0.5 * MOST, 40.0, 5.0, True, False, False),  # short: it needs none
+        (0.88 * MOST, 40.0, 5.0, True, False, False),  # long, but where two legs are one
         (2.0 * MOST, 100.0, 90.0, True, True, True),  # near its own valley alone
         (1.6 * MOST, 60.0, 2 * RADIUS + 3.0, True, True, False),
         (1.6 * MOST, 60.0, 2 * RADIUS + MOST_BAR_MM + 1.0, True, True, True),
