@@ -103,6 +103,7 @@ def tie_knot(problem: Problem, start: Start, radius: float) -> Start:
         limits.radius,
         max(0.5 * limits.separation, limits.bend_radius),
         outside,
+        problem.arched,
     )
     tied = tie(tuple(c @ axes.T for c in start.curves), wanted.factors, room)
     types = list(start.types)

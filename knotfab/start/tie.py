@@ -36,6 +36,7 @@ _HANDLE = 1.1  # distance from there to the corner of the leg
 _HOVER = 2.2  # distance of the knot from the strands below
 _PLACES = 60  # places to try, where the silhouette is widest
 _WAYS = 48  # orientations of the knot to try
+_ALOFT = 0.3  # price of each valley's height over the bed
 _STRAIGHT = 0.6  # most turning of the strand where it is cut, radians
 _GRID = 0.5  # cell of the grid of distances to the outline, in tube radii
 
@@ -46,7 +47,7 @@ class KnotRoom:
 
     `polygon` is the silhouette in the plane z = 0, `light` the light's z, `radius` the tube's. `unit` is half
     the strands' least distance, or the bend radius if that is larger. `outside` measures how far a tube about
-    points leaves its region.
+    points leaves its region. Strands that stand on the bed want a knot whose valleys do, too.
     """
 
     polygon: MultiPolygon
@@ -54,6 +55,7 @@ class KnotRoom:
     radius: float
     unit: float
     outside: Callable[[Array], float]
+    stands: bool = False
 
 
 @dataclass(frozen=True)
@@ -189,6 +191,8 @@ def _sites(
         for side in (1, -1):
             # the lowest point hovers over every strand near the axis
             base = side * np.maximum.accumulate(side * heights[order])[under] + side * _HOVER * unit
+            if room.stands and side < 0:
+                base = np.minimum(base, low + poses.points[..., 2].max(axis=1))
             up = side * ray
             x = along - (along @ up) * up
             x /= np.linalg.norm(x)
@@ -203,6 +207,9 @@ def _sites(
             over = np.maximum(out, 0.0) / room.radius
             cost = (over * over).sum(axis=1) + 0.05 * deeper / unit
             cost += 0.01 * np.abs(base - at[2]) / unit
+            if room.stands:
+                valley = (z[:, 1:-1] < z[:, :-2]) & (z[:, 1:-1] <= z[:, 2:])
+                cost += _ALOFT * (valley * np.abs(z[:, 1:-1] - low)).sum(axis=1) / unit
             for k in range(len(points)):
                 yield _Site(vertex, side, points[k], max(0.0, float(out[k].max())), float(cost[k]))
 

@@ -12,6 +12,7 @@ from tables import some
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
+from knotfab.geometry.legs import peaks_of
 from knotfab.geometry.polylines import sample_evenly
 from knotfab.pipeline.options import BuildOptions
 from knotfab.pipeline.read_options import read_scene
@@ -92,6 +93,20 @@ def test_the_knot_is_what_was_asked_for_and_out_of_sight(asked: str) -> None:
     new = np.array([row.tobytes() not in rows for row in tied.curves[0]])
     assert 0.1 * len(new) > new.sum() - 60 > 0
     assert shapely.contains_xy(DISC.buffer(-1.9), *strands[new].T).all()
+
+
+@pytest.mark.parametrize("stands", [False, True])
+def test_where_strands_stand_on_the_bed_the_knot_does_too(stands: bool) -> None:
+    (curve,) = fill(DISC, 2.5).curves
+    before = sample_evenly(lift(curve, 45.0 * np.cos(curve[:, 0] / 12.0), LIGHT), 1.0)
+    knot = parse_knot_name("trefoil").factors
+    tied = tie((before,), knot, replace(room(DISC), stands=stands))
+    assert set(verdicts(tied, "3_1")) <= {"proved", "consistent"}
+    rows = {row.tobytes() for row in before}
+    new = np.array([row.tobytes() not in rows for row in tied.curves[0]])
+    height = tied.curves[0][:, 2]
+    valleys = [height[k] for k in peaks_of(-height) if new[k]]
+    assert (np.abs(np.array(valleys) - before[:, 2].min()).max() < 2.5) == stands
 
 
 def test_the_wrong_hand_is_refuted() -> None:
