@@ -177,10 +177,8 @@ def find_family(asked: str) -> tuple[str, ...] | None:
     # finds matplotlib's own fonts, which fontconfig does not
     from matplotlib.font_manager import findfont
 
-    try:
+    with contextlib.suppress(ValueError):
         return (str(findfont(asked, fallback_to_default=False)),)
-    except ValueError:
-        pass
     squeezed = re.sub(r":style=|\W", "", asked).casefold()
     for file in sorted(os.listdir(supplied_folder())):
         if squeezed == re.sub(r"\.ttf$|\W", "", file).casefold():

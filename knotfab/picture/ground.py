@@ -8,13 +8,17 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from knotfab.base.arrays import Array, Mask
-from knotfab.picture.colours import cluster_colours
-from knotfab.picture.ink import name_colour, split_channels, take_border, takes_alpha
+from knotfab.picture.colours import Colours, cluster_colours
+from knotfab.picture.ink import (
+    name_colour,
+    split_channels,
+    square_distances,
+    take_border,
+    takes_alpha,
+)
 from knotfab.picture.silhouette import fill_holes, pieces_of
 from knotfab_formats.errors import InputError
 from knotfab_formats.views import Reading
-
-Colours = NDArray[np.uint8]  # (H, W, 3)
 
 _SIDE = 600  # px of the longer side at which a sheet is looked for
 _LIGHT = 0.78  # the share of the brightest level that paper has at least
@@ -113,24 +117,23 @@ def _checkerboard(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     """Draw, dark on white, what covers a painted checkerboard of two greys, which means transparency."""
     if not opaque.all():
         return None
-    runs, colours = [], []
+    runs = []
     for line in (rgb[0], rgb[-1], rgb[:, 0], rgb[:, -1]):
         starts = np.flatnonzero((np.abs(np.diff(line.astype(int), axis=0)) > 6).any(axis=1)) + 1
         if len(starts) < 5:
             return None
         runs += list(np.diff(starts))
-        colours.append(line)
     tile = int(np.median(runs))
     if tile < 3 or np.mean(np.abs(np.array(runs) - tile) <= max(1, 0.15 * tile)) < 0.8:
         return None
-    border = np.concatenate(colours).astype(np.float64)
+    border = take_border(rgb).astype(np.float64)
     bright = border.mean(axis=1)
     pale, dark = (
         np.median(border[side], axis=0)
         for side in (bright >= bright.mean(), bright < bright.mean())
     )
     flat = max(np.ptp(pale), np.ptp(dark)) <= 12 and _NEAR / 2 < np.linalg.norm(pale - dark) < 200
-    near = [np.linalg.norm(rgb.astype(np.float32) - c, axis=2) <= _NEAR / 2 for c in (pale, dark)]
+    near = [_away(rgb, c) <= _NEAR / 2 for c in (pale, dark)]
     shares = [float(np.mean(np.linalg.norm(border - c, axis=1) <= _NEAR / 2)) for c in (pale, dark)]
     if not flat or min(shares) < 0.3 or sum(shares) < 0.9:
         return None
@@ -156,7 +159,7 @@ def _ruled(rgb: Colours, opaque: Mask) -> tuple[Colours, str] | None:
     if not opaque.all():
         return None
     paper = np.percentile(rgb.reshape(-1, 3)[:: max(1, rgb.size // 300_000)], 90, axis=0)
-    away = np.linalg.norm(rgb.astype(np.float32) - paper.astype(np.float32), axis=2)
+    away = _away(rgb, paper)
     off = away > _NEAR
     if paper.mean() < 150 or not 0.02 < off.mean() < 0.7:
         return None
@@ -195,6 +198,10 @@ _SHAPE = 1e-3
 _SPOT = 0.02  # the largest share of the picture that is a spot
 _MAJORITY = 0.6  # a colour with this share of the border is the background
 _FLAT = 0.9  # at most three colours make up this share of a painted border
+_SMALL = 320  # px of the longer side at which outlines are looked at
+_FIRM = 0.73  # the least share of a drawing's outline across which colours step
+_STEP = 0.9  # least step, in thresholds; blurs take some of the contrast of what is thin
+LIFT = "Lift its subject out (a phone or rembg does in one tap), and bring a PNG with transparency"
 
 
 def guess_reading(
@@ -206,63 +213,76 @@ def guess_reading(
     three colours, none of which covers most of it, whatever they do not reach is drawn (`flood`).
 
     Raises:
-        InputError: the picture has only the colours of its border, of which none is the background.
+        InputError: the picture has only the colours of its border, or the edges of its shapes fade.
     """
     colours, alpha = split_channels(image)
     if reading.ink != "auto" or colours.dtype != np.uint8 or takes_alpha(colours, alpha, reading):
         return reading, ()
-    rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
-    notes: list[str] = []
-    box = reading.crop_px if isinstance(reading.crop_px, tuple) else None
+    rgb, notes = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours, list[str]()
     if reading.crop_px is True and (thick := frame_px(rgb)):
-        box = (thick, thick, image.width - 2 * thick, image.height - 2 * thick)
-        reading = reading.but(crop_px=box)
+        inside = thick, thick, image.width - 2 * thick, image.height - 2 * thick
+        reading = reading.but(crop_px=inside)
         notes.append(
             f"the frame about it, {thick} px of {name_colour(rgb[0, 0])}, is cropped off "
             f"(--crop 0,0,{image.width},{image.height} keeps it)"
         )
-    if box is not None:
+    if isinstance(box := reading.crop_px, tuple):
         rgb = rgb[box[1] : box[1] + box[3], box[0] : box[0] + box[2]]
     border = take_border(rgb)
+    found = cluster_colours(border)
+    grounds, said = np.median(border, axis=0)[None], reading.threshold != Reading().threshold
     if threshold := _pale_threshold(rgb, border, reading.threshold):
         notes.append(
             "most of what is drawn is paler than its darkest spot, and is drawn with it "
             f"(--threshold {threshold:g} does the same, --ink dark draws the spot alone)"
         )
-        return reading.but(threshold=threshold), tuple(notes)
-    found = cluster_colours(border.astype(np.uint8, copy=False))
-    if found.shares[0] >= _MAJORITY or found.shares[:3].sum() < _FLAT:
-        return reading, tuple(notes)
-    shares = zip(found.colours[:3], found.shares[:3], strict=False)
-    named = " and ".join(f"{name_colour(c)} ({share:.0%})" for c, share in shares)
-    others = np.logical_and.reduce([_away(rgb, c) > _APART for c in found.colours])
-    if others.mean() >= 5 * _SHAPE:
-        notes.append(f"its border is {named}, so what none of these reaches is drawn (--ink flood)")
-        return reading.but(ink="flood"), tuple(notes)
-    if _away(border, np.median(border, axis=0)).min() > _ALIKE:
-        one, other = (name_colour(c) for c in found.colours[:2])
-        raise InputError(
-            what,
-            f"its border is {named}, so none of these is its background",
-            f'Say which is drawn: --ink "{one}" or --ink "{other}".',
-        )
+        reading = reading.but(threshold=threshold)
+    elif found.shares[0] < _MAJORITY and found.shares[:3].sum() >= _FLAT:
+        shares = zip(found.colours[:3], found.shares[:3], strict=False)
+        named = " and ".join(f"{name_colour(c)} ({share:.0%})" for c, share in shares)
+        if (_away(rgb, *found.colours) > _APART).mean() >= 5 * _SHAPE:
+            drawn = "so what none of these reaches is drawn (--ink flood)"
+            notes.append(f"its border is {named}, {drawn}")
+            reading, grounds = reading.but(ink="flood"), found.colours
+        elif _away(border, *grounds).min() > _ALIKE:
+            remedy = 'Say which is drawn: --ink "{}" or --ink "{}".'
+            why = f"its border is {named}, so none of these is its background"
+            raise InputError(what, why, remedy.format(*map(name_colour, found.colours[:2])))
+    if not said and _fades(rgb, grounds, reading.threshold):
+        why = "it is a photograph, and no drawing: the edges of what would be drawn fade"
+        raise InputError(what, why, f"{LIFT}, or say what is drawn: --ink dark or --ink light.")
     return reading, tuple(notes)
 
 
-def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: float) -> float:
+def _fades(rgb: Colours, grounds: Array | Colours, threshold: float) -> bool:
+    """Return whether the outline of what differs from these colours is mostly no step in brightness.
+
+    At 320 px a step is within 7 px: a scan or a logo blurred by a hundredth of its side has sharp outlines.
+    """
+    from scipy import ndimage
+
+    image = Image.fromarray(rgb)
+    image.thumbnail((_SMALL, _SMALL), Image.Resampling.BOX)
+    away = _away(np.asarray(image), *grounds)
+    least, wide = threshold * away.max(), 1 + 2 * max(1, round(max(image.size) / 100))
+    drawn = away > least
+    rim = ndimage.maximum_filter(drawn, 3) & ~ndimage.minimum_filter(drawn, 3)
+    across = ndimage.maximum_filter(away, wide) - ndimage.minimum_filter(away, wide)
+    return bool(rim.any() and (across[rim] >= _STEP * least).mean() < _FIRM)
+
+
+def _pale_threshold(rgb: Colours, border: Colours, usual: float) -> float:
     """Return a lower threshold if only a small spot exceeds the usual one but a pale body does not, else 0.
 
     Such a body has a single colour and five times the spot's area.
     """
     every = -(-max(rgb.shape[:2]) // 1500)
     few = rgb[::every, ::every]
-    middle = np.median(border, axis=0)
-    if not is_of_one_colour(border, _MAJORITY):
-        return 0.0
-    away = _away(few, middle)
+    away = _away(few, np.median(border, axis=0))
     most = float(away.max())
     spot, pale = away > usual * most, (away > _ALIKE) & (away <= usual * most)
-    if not spot.any() or spot.mean() > _SPOT or pale.mean() < max(0.01, 5 * spot.mean()):
+    lone = 0 < spot.mean() <= min(_SPOT, pale.mean() / 5) and pale.mean() >= 0.01
+    if not lone or not is_of_one_colour(border, _MAJORITY):
         return 0.0
     typical = float(np.median(away[pale]))
     if (np.abs(away[pale] - typical) <= _ALIKE).mean() < _EVEN:
@@ -270,18 +290,17 @@ def _pale_threshold(rgb: NDArray[np.uint8], border: NDArray[np.uint8], usual: fl
     return round(0.5 * typical / most, 3)
 
 
-def _away(colours: NDArray[np.uint8], colour: Array | NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return the distances of colours (..., 3) from one, in levels, (...)."""
-    apart = colours.astype(np.float32) - np.asarray(colour, np.float32)
-    return np.asarray(np.sqrt(np.einsum("...k,...k->...", apart, apart)))
+def _away(colours: Colours, *grounds: Array | Colours) -> NDArray[np.float32]:
+    """Return the distances of colours (..., 3) from the nearest of some, in levels, (...)."""
+    return np.asarray(np.sqrt(square_distances(colours, *grounds)))
 
 
-def is_of_one_colour(colours: NDArray[np.uint8], share: float) -> bool:
+def is_of_one_colour(colours: Colours, share: float) -> bool:
     """Return whether this share of colours (n, 3) lies about their median."""
     return bool((_away(colours, np.median(colours, axis=0)) <= _ALIKE).mean() >= share)
 
 
-def frame_px(rgb: NDArray[np.uint8]) -> int:
+def frame_px(rgb: Colours) -> int:
     """Return the thickness of a one-coloured frame about a shape on other paper; 0 without one."""
     most = max(1, round(_THIN * min(rgb.shape[:2])))
     outer = np.median(take_border(rgb), axis=0)
@@ -296,6 +315,6 @@ def frame_px(rgb: NDArray[np.uint8]) -> int:
             return 0
         further = np.median(take_border(inside[1:-1, 1:-1]), axis=0)
         even = all((_away(side, paper) <= _ALIKE).mean() >= _EVEN for side in sides)
-        if even and _away(paper, outer) >= _APART and _away(paper, further) <= _ALIKE:
+        if even and _away(paper[None], outer) >= _APART and _away(paper[None], further) <= _ALIKE:
             return depth if (_away(inside, paper) > _APART).mean() >= _SHAPE else 0
     return 0

@@ -76,7 +76,7 @@ def find_ink(image: Image.Image, reading: Reading, what: str) -> Ink:
     if colours.ndim == 2:  # greys are colours too: black is not green for want of red
         most = 255.0 if colours.dtype == np.uint8 else np.iinfo(np.uint16).max
         colours = np.stack([colours * (255.0 / most)] * 3, axis=-1)
-    away = _square_distances(colours, wanted)
+    away = square_distances(colours, wanted)
     near = away < reading.threshold**2 * away[opaque].max()
     if clear is not None and away[opaque].max() == 0:
         near = opaque
@@ -192,25 +192,22 @@ def take_border(colours: Levels) -> Levels:
 
 
 def _by_rows(colours: Levels, measure: Callable[[NDArray[Any]], NDArray[Any]]) -> NDArray[Any]:
-    """Apply `measure` to colours (h, W, channels), some rows at a time, (H, W).
+    """Apply `measure` to colours (h, ..., channels), some rows at a time.
 
     In single precision where the colours have 8 bits: doubled differences, squared and summed, stay
     below 2^24, so that they are exact, and levels on either side of the half fall where they belong.
     """
     kind = np.float32 if colours.dtype == np.uint8 else np.float64
-    parts = []
-    for top in range(0, len(colours), _ROWS):
-        part = colours[top : top + _ROWS].astype(kind)
-        parts.append(measure(part.reshape(*part.shape[:2], -1)))
-    return np.concatenate(parts)
+    tops = range(0, len(colours), _ROWS)
+    return np.concatenate([measure(colours[top : top + _ROWS].astype(kind)) for top in tops])
 
 
-def _square_distances(colours: Levels, middle: Array) -> NDArray[Any]:
-    """Return the squared Euclidean differences from one colour, (H, W)."""
+def square_distances(colours: Levels, *grounds: Array | NDArray[np.uint8]) -> NDArray[Any]:
+    """Return the squared Euclidean differences (...) of colours (..., channels) from the nearest of some."""
 
     def measure(part: NDArray[Any]) -> NDArray[Any]:
-        away = part - middle.astype(part.dtype)
-        return np.asarray(np.einsum("ijk,ijk->ij", away, away))
+        apart = [part - np.asarray(ground, part.dtype) for ground in grounds]
+        return np.asarray(np.minimum.reduce([np.einsum("...k,...k->...", a, a) for a in apart]))
 
     return _by_rows(colours, measure)
 
@@ -219,7 +216,7 @@ def _mark_different(
     colours: Levels, middle: Array, threshold: float, what: str, clear: Mask | None
 ) -> Mask:
     """Mark opaque pixels that differ from a colour by a share of the largest difference."""
-    squared = _square_distances(colours, middle)
+    squared = square_distances(colours if colours.ndim == 3 else colours[..., None], middle)
     if clear is not None:
         squared[clear] = 0
     largest = float(squared.max())
@@ -240,8 +237,7 @@ def _flood_border(colours: Levels, threshold: float, what: str) -> Mask:
     if colours.dtype != np.uint8:
         colours = (colours >> 8).astype(np.uint8)
     rgb = np.stack([colours] * 3, axis=-1) if colours.ndim == 2 else colours
-    kinds = cluster_colours(take_border(rgb).astype(np.uint8, copy=False)).colours
-    away = np.stack([_square_distances(rgb, kind.astype(np.float64)) for kind in kinds]).min(0)
+    away = square_distances(rgb, *cluster_colours(take_border(rgb)).colours)
     if away.max() == 0:
         raise _one_colour(what)
     near = away <= threshold**2 * away.max()

@@ -140,10 +140,9 @@ def separate(
     shrunk = longer / max(image.size)
     srgb = np.asarray(image, dtype=np.float64) / 255
     lab = to_oklab(srgb)
-    plain, photograph = srgb, bool((_local_range(srgb) > _GRAIN).mean() > _PHOTOGRAPH)
-    if photograph:
-        plain = _without_grain(srgb)
-    near = lab if plain is srgb else to_oklab(plain)
+    photograph = bool((_local_range(srgb) > _GRAIN).mean() > _PHOTOGRAPH)
+    plain = _without_grain(srgb) if photograph else srgb
+    near = to_oklab(plain) if photograph else lab
     if (np.hypot(lab[..., 1], lab[..., 2]) > _GREY).mean() < _COLOURED:
         raise InputError(
             what,
@@ -196,18 +195,10 @@ def read_masks(
     """
     names = [view.name for view in scene.views]
     colours = np.array([view.lamp_colour for view in scene.views])
-    image, _ = crop_image(read_image(source, base=base), shown(source), scene.views[0])
-    reading = scene.views[0]
-    found = separate(
-        image,
-        names,
-        colours,
-        shown(source),
-        scene.room.ambient,
-        scene.lamps.colours,
-        reading.smooth_px,
-        reading.speck_px,
-    )
+    reading, what = scene.views[0], shown(source)
+    image, _ = crop_image(read_image(source, base=base), what, reading)
+    shown_by = scene.room.ambient, scene.lamps.colours, reading.smooth_px, reading.speck_px
+    found = separate(image, names, colours, what, *shown_by)
     plain = name_picture(source)
     rule = "where the lamp {} must be hidden for the nearest mixture of colours"
     first, *others = (
@@ -307,8 +298,9 @@ def _without_grain(srgb: Array) -> Array:
 
 def _local_range(srgb: Array) -> Array:
     """Return the range of values around each pixel, in the channel where it is largest, (H, W)."""
-    channels = [maximum_filter(c, 3) - minimum_filter(c, 3) for c in np.moveaxis(srgb, -1, 0)]
-    return np.asarray(np.max(channels, axis=0))
+    return np.asarray(
+        (maximum_filter(srgb, (3, 3, 1)) - minimum_filter(srgb, (3, 3, 1))).max(axis=-1)
+    )
 
 
 def _vote_around(labels: Labels, reach_px: float) -> Labels:
@@ -348,8 +340,6 @@ def _without_slivers(labels: Labels, reach_px: float) -> Labels:
         cored = np.zeros(count + 1, dtype=bool)
         cored[np.unique(parts[core])] = True
         thin |= horns & cored[parts]
-    if not thin.any():
-        return labels
     rows, columns = distance_transform_edt(thin, return_distances=False, return_indices=True)
     return np.asarray(labels[rows, columns])
 

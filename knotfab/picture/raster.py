@@ -354,12 +354,9 @@ def silhouette(
     if reading.speck_px:
         mask = drop_specks(mask, round(reading.speck_px / shrunk**2))
         rule += f"; without specks of less than {reading.speck_px} px"
-    if reading.keep_largest:
-        mask = keep_largest(mask, reading.keep_largest)
-        count = reading.keep_largest
-        rule += (
-            "; of that the largest piece" if count == 1 else f"; of that the {count} largest pieces"
-        )
+    if count := reading.keep_largest:
+        mask = keep_largest(mask, count)
+        rule += f"; of that the {'largest piece' if count == 1 else f'{count} largest pieces'}"
     if box is not None:
         rule += f"; {tell_box(box, shrunk)}"
     check_shape(mask, what)

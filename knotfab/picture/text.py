@@ -165,19 +165,17 @@ def find_letters(text: str, font: str | None = None) -> tuple[tuple[str, float, 
     )
 
 
+_PEN = {1: ("M", 1), 2: ("L", 1), 3: ("Q", 2), 4: ("C", 3), 79: ("Z", 0)}  # and points of a step
+
+
 def _path_data(vertices: NDArray[np.float64], codes: Any) -> str:
     """Convert vertices and codes (1 move, 2 line, 3 and 4 curves, 79 end) to SVG path data."""
     data: list[str] = []
     i = 0
     while i < len(codes):
-        code = int(codes[i])
-        if code == 79:
-            data.append("Z")
-            i += 1
-            continue
-        letter, points = {1: ("M", 1), 2: ("L", 1), 3: ("Q", 2), 4: ("C", 3)}[code]
+        letter, points = _PEN[int(codes[i])]
         data.append(letter + " ".join(f"{x:.6f},{y:.6f}" for x, y in vertices[i : i + points]))
-        i += points
+        i += points or 1
     return " ".join(data)
 
 

@@ -23,6 +23,7 @@ from knotfab.design.frames import (
 from knotfab.picture.colours import is_photo
 from knotfab.picture.doubt import UNSURE
 from knotfab.picture.frames import count_knots, name_sequence, read_frames
+from knotfab.picture.ground import LIFT
 from knotfab.picture.raster import GLANCE, decode_shrunk, encode_mask
 from knotfab.picture.read import Target, name_targets, read_targets
 from knotfab.picture.source import DRAWN_SUFFIXES, SECONDS, TEXT_PREFIX, plain_name
@@ -327,8 +328,7 @@ def _survey(call: Call, sequence: bool, printing: bool, placed: bool = False) ->
 
 
 def _refuse_photograph(why: str) -> SceneError:
-    remedy = "Lift its subject out (a phone or rembg does in one tap), and bring the PNG with transparency"
-    return SceneError(PICTURE, f"it is a photograph, and no drawing: {why}", remedy)
+    return SceneError(PICTURE, f"it is a photograph, and no drawing: {why}", LIFT)
 
 
 def _is_scattered(target: Target, scene: ResolvedScene) -> bool:

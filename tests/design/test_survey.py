@@ -444,8 +444,8 @@ def test_a_photograph_that_shows_no_one_thing_is_refused_before_a_tube_is_sought
 ) -> None:
     """It has fewer parts than are tried, and tubes that draw most of them."""
     grain = np.random.default_rng(1).normal(0, 1, (450, 600, 3))
-    blurred = gaussian_filter(grain, (10, 10, 0))
-    levels = (45 * blurred / blurred.std() + 128).clip(0, 255).astype(np.uint8)
+    blurred = gaussian_filter(grain, (3, 3, 0))
+    levels = (80 * blurred / blurred.std() + 128).clip(0, 255).astype(np.uint8)
     path = tmp_path / "noise.jpg"
     Image.fromarray(levels).save(path, quality=90)
     backlit().convert("RGB").save(tmp_path / "backlit.jpg")
