@@ -199,7 +199,9 @@ def list_ways(
         others.append(way("rounded", hours + later, grams + (rounded - plate) * density))
     bare, hours = grams - plate * density, hours - own
     if alone:
-        longer = max(box[:2])
+        seen = scene.views[0]
+        frame = max(seen.frame_width_mm or 0, seen.frame_height_mm or 0) / seen.magnification
+        longer = min(max(box[:2]), frame or np.inf)  # without the holder
         room = longer**2 * (asked.piece.depth or DEPTH_RATIO * longer)
         supports = ROOM * room * density
         other, slower = bare / ARCHES + supports, 1 / PER_GRAM

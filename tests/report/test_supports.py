@@ -76,6 +76,16 @@ def test_where_there_is_no_other_way_none_is_told(more: str, ways: int) -> None:
     assert len(list_ways(sliced(50.0, 5.0, 20.0), slicer, slicer)) == ways
 
 
+def test_supports_fill_no_more_room_for_a_wide_holder() -> None:
+    framed = "views = [{frame_width_mm = 127.2, frame_height_mm = 165.6}]\n"
+    none, wide = scene("none", framed + "mount.kind = 'none'"), (140.0, 200.0, 90.0)
+    (_, one), (_, two) = (
+        list_ways(replace(sliced(54.1, 7.47), bounding_box_mm=box), none, none)
+        for box in ((*ACROSS, 90.0), wide)
+    )
+    assert one == two
+
+
 def test_roots_are_cheaper_than_a_plate_and_what_tells_is_dearer() -> None:
     roots = scene("none", "mount.kind = 'wall'\nmount.plate = 'roots'")
     strips = RootsFigures(
