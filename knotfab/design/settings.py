@@ -105,7 +105,7 @@ def place_start(
             "a free view (--free view)",
             f"the view has azimuth_deg = {view.azimuth_deg:g} and elevation_deg = {view.elevation_deg:g}, "
             "and which way a piece is turned is what is looked for",
-            "Leave these two keys out, or --free",
+            "Leave these two keys out, or leave out --free",
         )
     light = settings.free_light_mm or view.light_distance_mm
     wall = settings.free_wall_mm or view.wall_distance_mm

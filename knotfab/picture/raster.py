@@ -407,8 +407,7 @@ def check_shape(mask: Mask, what: str) -> None:
         raise InputError(
             what,
             "the shape fills the whole frame, so there is no outline",
-            "Leave some background around the shape, or turn it with --invert if the shape is "
-            "what was taken for background.",
+            "Leave some background around the shape, or say what is drawn: --ink dark or --ink light.",
         )
     smallest = max(2.0, 1e-4 * mask.size)
     largest = area

@@ -103,7 +103,10 @@ def _check_bounds(model: type[BaseModel], key: str, value: Any, what: str, known
     bounds = why_out_of_bounds(model, key, value)
     if bounds is not None:
         unit = {"mm": "millimetres", "px": "pixels"}.get(key.rpartition("_")[2], "a number")
-        why = "it is not above 0" if value <= 0 else "it is out of bounds"
+        why = "it is out of bounds"
+        if value <= 0 and why_out_of_bounds(model, key, -1e-9) is not None:
+            least = why_out_of_bounds(model, key, 0) is None
+            why = "it is below 0" if least else "it is not above 0"
         length = _SUCH_MM.get(key, _FAR_MM)
         such = f", such as {what.split()[0]} {length}" if key.endswith("_mm") else ""
         raise InputError(what, why, f"Give {unit} {bounds}{such}{known}.")

@@ -43,7 +43,7 @@ BAD_CALLS = [
     (["--size", "18 parsecs"], "no unit parsecs. Use mm, cm, m or in."),
     (["--acc", "draft"], "Did you mean --accept or --accuracy?"),
     (["--depth", "9999"], "towards the light"), (["--knots", "0"], "neither auto nor a number"),
-    (["--seed", "-1"], "not above 0. Give a number from 0"),
+    (["--seed", "-1"], "it is below 0. Give a number from 0"),
     (["--seed", "abc"], "no whole number. Give one such as 3."),
     (["--skip", "everything"], "Known: shadow-render"), (["--mount", "rope"], "Choose from"),
     (["--material", "steel-wire-2mm"], "Print the piece"), (["--bender", "grbl"], "Print the piece"),

@@ -148,6 +148,14 @@ def test_a_wall_too_near_is_named() -> None:
     assert "--knots" not in refused.value.remedy  # it is one
 
 
-def test_a_knot_that_nothing_reaches_is_named() -> None:
-    with pytest.raises(SceneError, match=r"reaches knot [01]"):
-        plan_stand(ISLAND, [camera()], [EMPTY], 45.0, PLA, ASKED)
+@pytest.mark.parametrize(("room_mm", "lost"), [(4.0, 1), (45.0, 0)])
+def test_a_knot_that_nothing_reaches_is_named_and_one_knot_stands(
+    room_mm: float, lost: int
+) -> None:
+    """One knot is suggested where some of several stands, and a bridge to it holds the others."""
+    with pytest.raises(SceneError, match=f"reaches knot {lost}") as refused:
+        plan_stand(ISLAND, [camera()], [EMPTY], room_mm, PLA, ASKED)
+    assert ("--knots 1" in refused.value.remedy) == (lost > 0)
+    if lost:
+        joined = knots(np.vstack([k.points for k in ISLAND.knots]))
+        assert set(plan_stand(joined, [camera()], [EMPTY], room_mm, PLA, ASKED).holds) == {0}

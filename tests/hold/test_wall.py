@@ -1,5 +1,6 @@
 """Wall mounts: pegs stay in the tube's shadow, touch nothing else, hold what they must, and none idles."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -147,8 +148,15 @@ def test_a_knot_barred_from_the_wall_hangs_on_another() -> None:
     scene = setup("plate")[1]
     told = Mounted(tubes, ["piece with wall plate"], scene, None, mount).figures
     assert told.knots_joined == ((1, 0),)
-    with pytest.raises(SceneError, match=r'no light ray from knot 1.*mount\.foot = "plate"'):
+    with pytest.raises(SceneError, match="no light ray from knot 1") as refused:
         plan_wall(piece, view, 0.4, PLA, DOWEL)
+    # a plate is suggested, as holds it above, and one knot on dowels
+    assert re.findall(r'--knots 1|mount.foot = "plate"', refused.value.remedy)[::-1] == [
+        'mount.foot = "plate"',
+        "--knots 1",
+    ]
+    one = knots(np.vstack([k.points for k in piece.knots]))
+    assert plan_wall(one, view, 0.4, PLA, DOWEL).sag_mm <= PLA.max_sag_mm
     # a place for the piece is estimated by the same rule
     assert sag_on_pegs(piece, view, 0.4, PLA, "plate") <= PLA.max_sag_mm
     with pytest.raises(ValueError, match="no light ray from knot 1"):

@@ -45,7 +45,7 @@ REFUSED: dict[str, str] = {
         --crop 0,0,9000,9000 | --start kept.json --free view | --start kept.json --knot trefoil |
         --mount stand --wall-distance 20 | --mount stand --scene at-60.toml |
         --mount stand --scene at-80.toml | --mount stand --scene at-90.toml |
-        --mount hang --wall-distance 20 --supports none""",
+        --mount hang --wall-distance 20 --supports none | --lamp-diameter 1200""",
     "walk/01.png walk/02.png": """
         --no-loop | --sequence --lamps rgb | --sequence --lines on | --sequence --start kept.json |
         --sequence --knots 9""",
@@ -59,6 +59,8 @@ REFUSED: dict[str, str] = {
         --lamps rgb --mount wall | --lamps rgb --free view""",
     "ring.png": "--lines on --thicken 3 --tube-radius 4",
     "pale.png": "",
+    "veiled.png": "--ink alpha",
+    "ball.png": "",
     "flag.png": "",
     "fine.png": "--size 45 | --size 45 --tube-radius 3",
     "many.png": "",
@@ -80,6 +82,7 @@ GIVEN: dict[str, Options] = {
     "heart.png --size 100000": {"size": 300},
     "heart.png --printer prusa-mk5": {"printer": "prusa-mk4"},
     "heart.png --tube-radius 0.6": {"printer": "form-3"},
+    "heart.png --lamp-diameter 1200": {"lamp-diameter": 20, "lamp-distance": 900},
     "heart.png --depth 220": {"wall-distance": 300},
     "heart.png --depth 160 --lamp-distance 75": {"lamp-distance": 500},
     "heart.png --print --plate pegs --wall-distance 3": {"wall-distance": 60, "tube-radius": 1},
@@ -176,6 +179,12 @@ def _draw(folder: Path) -> None:
     pale = np.uint8(245 + rng.integers(0, 2, (200, 200)))
     pale[60:140, 60:140] -= 2
     Image.fromarray(pale).save(folder / "pale.png")
+    veiled = Image.fromarray(np.where(pale > 244, 255, 0).astype(np.uint8)).convert("RGBA")
+    veiled.putalpha(250)
+    veiled.save(folder / "veiled.png")
+    x, y = np.mgrid[-1:1:300j, -1:1:300j]
+    lit = 40 + 180 * (0.8 * x + 0.6 * np.sqrt(np.maximum(0.3 - x**2 - y**2, 0))).clip(0, 1)
+    Image.fromarray(np.uint8(np.where(x**2 + y**2 < 0.3, lit, 25))).save(folder / "ball.png")
     ring = Image.new("L", (400, 400), 255)
     ImageDraw.Draw(ring).ellipse((60, 60, 340, 340), outline=0, width=6)
     ring.save(folder / "ring.png")
