@@ -14,7 +14,7 @@ import numpy as np
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.disk import read_file
 from knotfab.base.limited import run_limited
-from knotfab.geometry.polylines import Polylines
+from knotfab.geometry.polylines import Polylines, row_lengths
 from knotfab.geometry.tube import unit
 from knotfab.limits.terms import Felt, Limit, Limits, State
 from knotfab.scene.camera import Plane, view_axes
@@ -85,7 +85,7 @@ def tube_outside(points: Array, ahead: Array, limits: Limits) -> tuple[Array, Ar
     """
     if limits.region.kind != "mesh":
         return points, _excess_within(points, limits, limits.radius)[0]
-    longest = float(np.linalg.norm(ahead - points, axis=1).max())
+    longest = float(row_lengths(ahead - points).max())
     some = np.concatenate([points, (points + ahead) / 2])
     return some, _excess_within(some, limits, hypot(limits.radius, longest / 4))[0]
 
@@ -110,7 +110,7 @@ def slack(points: Array, rings: Polylines, limits: Limits) -> float:
     edge e as sqrt(r² + (e/2)²), which is at most half as fast as e, and e grows at most twice as
     fast as vertices move: together they come nearer twice as fast.
     """
-    spacing = float(np.linalg.norm(points[rings.next] - points, axis=1).mean())
+    spacing = float(row_lengths(points[rings.next] - points).mean())
     radius = _felt_radius(limits, spacing)
     room = -float(_excess_within(points, limits, radius)[0].max())
     return room / 2 if limits.region.kind == "mesh" else room

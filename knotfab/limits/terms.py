@@ -11,7 +11,7 @@ import numpy as np
 from knotfab.base.arrays import Array
 from knotfab.geometry.kernels import bend_hinge, gap_hinge
 from knotfab.geometry.measures import Neighbours
-from knotfab.geometry.polylines import Polylines
+from knotfab.geometry.polylines import Polylines, row_lengths
 from knotfab.scene.camera import Plane
 from knotfab_formats.scene import SettledRegion
 
@@ -43,14 +43,15 @@ class State:
     edge: Array  # (N, 3) to the next vertex
     rings: Polylines
     near: Neighbours
-    spacing: float  # mean edge, mm
+    length: Array  # (N,) of the edges, mm
+    spacing: float  # their mean, mm
 
     @classmethod
     def at(cls, points: Array, rings: Polylines, near: Neighbours) -> State:
         """Return the state of closed polylines whose vertices are `points` (N, 3)."""
         edge = points[rings.next] - points
-        spacing = float(np.sqrt((edge * edge).sum(axis=1)).mean())
-        return cls(points, edge, rings, near, spacing)
+        length = row_lengths(edge)
+        return cls(points, edge, rings, near, length, float(length.mean()))
 
 
 def follow_edges(slope: Array, rings: Polylines) -> Array:
@@ -69,9 +70,8 @@ def weigh(parts: Iterable[tuple[float, Felt]], points: Array) -> Felt:
 
 def total_length(state: State) -> Felt:
     """Return the total edge length, mm, with its gradient; edges of no length have none."""
-    length = np.sqrt((state.edge * state.edge).sum(axis=1))
-    along = state.edge / np.maximum(length, 1e-300)[:, None]
-    return float(length.sum()), follow_edges(along, state.rings)
+    along = state.edge / np.maximum(state.length, 1e-300)[:, None]
+    return float(state.length.sum()), follow_edges(along, state.rings)
 
 
 Term = Callable[[State, Limits], Felt]
@@ -127,7 +127,7 @@ class Guard:
         if self._seen is not None and self._seen[1] == limits:
             before = self._seen[0]
             if before.shape == points.shape:
-                moved = float(np.sqrt(((points - before) ** 2).sum(axis=1).max()))
+                moved = float(row_lengths(points - before).max())
                 if moved < self._slack:
                     return False
         self._seen = (points.copy(), limits)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from knotfab.base.arrays import Array
 from knotfab.geometry.measures import Neighbours
-from knotfab.geometry.polylines import Polylines, project
+from knotfab.geometry.polylines import Polylines, project, sum_rows
 from knotfab.limits.terms import Felt, Guard, Limits, State, follow_edges, weigh
 from knotfab.problem import Problem, TargetView, ViewNumbers
 from knotfab.render.image import ViewImage, grid_at
@@ -192,11 +192,11 @@ class Grace(Term):
 
     def __call__(self, state: State, weights: Weights) -> Felt:
         following, previous = state.rings.next, state.rings.previous
-        one = np.sqrt((state.edge * state.edge).sum(axis=1))
+        one = state.length
         unit = state.edge / _divisor(one)[:, None]
         turn = unit[following] - unit
         between = 0.5 * (one + one[following])
-        length, turned = _divisor(between), (turn * turn).sum(axis=1)
+        length, turned = _divisor(between), sum_rows(turn * turn)
         # each vertex's energy, and its derivatives by the squared turn and by the vertex's length
         by_turn = self.radius_mm / length
         shares = by_turn * turned
@@ -204,7 +204,7 @@ class Grace(Term):
         by_length = np.where(between > 0, by_length, 0.0)
         pull = 2.0 * by_turn[:, None] * turn
         pull = pull[previous] - pull  # gradient by the unit edges
-        along = (pull * unit).sum(axis=1)
+        along = sum_rows(pull * unit)
         stretch = 0.5 * (by_length + by_length[previous]) + self.tension / self.radius_mm
         edges = (pull - along[:, None] * unit) / _divisor(one)[:, None] + stretch[:, None] * unit
         scale = self.weight * weights.grace

@@ -14,7 +14,7 @@ from torch.optim import Optimizer
 from knotfab.base.arrays import Array
 from knotfab.geometry.carry import certify, step_limits
 from knotfab.geometry.measures import Neighbours
-from knotfab.geometry.polylines import Polylines, dot
+from knotfab.geometry.polylines import Polylines, dot, row_lengths
 from knotfab.render.device import known
 from knotfab.search.flow import (
     Between,
@@ -128,7 +128,7 @@ class CertifiedFlow(_Light):
     def _walk(self, gradient: Array) -> None:
         x, rings, radius, how = self.result.points, self.rings, self.radius, self.settings
         near = self.near
-        spacing = float(np.linalg.norm(x[rings.next] - x, axis=1).mean())
+        spacing = float(row_lengths(x[rings.next] - x).mean())
         g = precondition(gradient, rings.bounds, how.smoothing * radius / spacing)
         square = float(dot(g, g).mean())
         self._scale = max(0.9 * self._scale + 0.1 * square if self.steps else square, 1e-300)

@@ -33,8 +33,7 @@ class Upright(Term):
     def __call__(self, state: State, weights: Weights) -> Felt:
         radius, rings = self.radius_mm, state.rings
         height, rise = state.points @ self.up, state.edge @ self.up
-        length = np.sqrt((state.edge * state.edge).sum(axis=1))
-        length = np.where(length > 0, length, 1.0)
+        length = np.where(state.length > 0, state.length, 1.0)
         lack = np.maximum(0.0, np.sin(np.radians(FLANK_DEG)) - np.abs(rise) / length)
         # rises from 0 on the floor to 1 a tube radius above it
         free = np.clip((height + 0.5 * rise - self.floor_mm) / radius, 0.0, 1.0)

@@ -14,7 +14,14 @@ from knotfab.geometry.measures import (
     segment_distance,
     strand_gap,
 )
-from knotfab.geometry.polylines import Polylines, arc_lengths, polylines_of_sizes, sample_evenly
+from knotfab.geometry.polylines import (
+    Polylines,
+    arc_lengths,
+    polylines_of_sizes,
+    row_lengths,
+    sample_evenly,
+    sum_rows,
+)
 from knotfab.render.device import known
 
 SKIP = 6
@@ -31,6 +38,12 @@ def crumpled(seed: int, noise: float = 0.15) -> tuple[Array, Polylines]:
         parts.append(loop + rng.normal(size=3))
     points = np.concatenate(parts)
     return points + noise * rng.normal(size=points.shape), polylines_of_sizes(sizes)
+
+
+def test_rows_are_summed_to_the_bit_as_by_numpy() -> None:
+    for rows in (crumpled(0)[0], np.zeros((2, 3)), crumpled(1)[0] * [1e-9, 1e7, 1.0]):
+        np.testing.assert_array_equal(sum_rows(rows), rows.sum(axis=1))
+        np.testing.assert_array_equal(row_lengths(rows), np.linalg.norm(rows, axis=1))
 
 
 def gaps(points: Array, rings: Polylines, i: Array, j: Array) -> Array:
