@@ -25,7 +25,8 @@ class Neighbours:
 
     def moved(self, points: Array) -> float:
         """Return the largest distance that a vertex has moved since the pairs were found."""
-        return float(np.sqrt(dot(points - self.points, points - self.points).max()))
+        way = points - self.points
+        return float(np.sqrt(dot(way, way).max()))
 
 
 def find_neighbours(points: Array, rings: Polylines, reach: float, skip: int) -> Neighbours:

@@ -88,11 +88,10 @@ def precondition(gradient: Array, bounds: Indices, sigma: float) -> Array:
 
 def along_curve(points: Array, rings: Polylines) -> Array:
     """Return the tangential step that brings each vertex midway between its neighbours, (N, 3)."""
-    ahead, behind = points[rings.next] - points, points - points[rings.previous]
-    tangent = ahead + behind
+    ahead = points[rings.next] - points
+    tangent, length = ahead + ahead[rings.previous], np.sqrt(dot(ahead, ahead))
     tangent /= np.sqrt(dot(tangent, tangent))[:, None]
-    shift = np.sqrt(dot(ahead, ahead)) - np.sqrt(dot(behind, behind))
-    return np.asarray(0.5 * shift[:, None] * tangent)
+    return np.asarray(0.5 * (length - length[rings.previous])[:, None] * tangent)
 
 
 def find_felt(

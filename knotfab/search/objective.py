@@ -193,7 +193,8 @@ class Grace(Term):
     def __call__(self, state: State, weights: Weights) -> Felt:
         following, previous = state.rings.next, state.rings.previous
         one = state.length
-        unit = state.edge / _divisor(one)[:, None]
+        divisor = _divisor(one)[:, None]
+        unit = state.edge / divisor
         turn = unit[following] - unit
         between = 0.5 * (one + one[following])
         length, turned = _divisor(between), sum_rows(turn * turn)
@@ -206,7 +207,7 @@ class Grace(Term):
         pull = pull[previous] - pull  # gradient by the unit edges
         along = sum_rows(pull * unit)
         stretch = 0.5 * (by_length + by_length[previous]) + self.tension / self.radius_mm
-        edges = (pull - along[:, None] * unit) / _divisor(one)[:, None] + stretch[:, None] * unit
+        edges = (pull - along[:, None] * unit) / divisor + stretch[:, None] * unit
         scale = self.weight * weights.grace
         total = float(shares.sum()) + self.tension * float(one.sum()) / self.radius_mm
         return scale * total, scale * follow_edges(edges, state.rings)

@@ -87,6 +87,7 @@ class CertifiedFlow(_Light):
         self.result = FlowResult(points.detach().numpy().copy())
         self.steps = 0
         self._near: Neighbours | None = None
+        self._asked: Array | None = None  # the vertices at which neighbours were last asked for
         self._momentum, self._scale = np.zeros_like(self.result.points), 0.0
 
     @property
@@ -97,8 +98,9 @@ class CertifiedFlow(_Light):
     @property
     def near(self) -> Neighbours:
         """The pairs of segments that the loss can feel at the present vertices."""
-        points = self.result.points
-        if self._near is None or self._near.moved(points) > 0.3 * self.radius:
+        points, same = self.result.points, self._asked is self.result.points
+        self._asked = points
+        if self._near is None or (not same and self._near.moved(points) > 0.3 * self.radius):
             reach = self.settings.reach
             self._near = find_felt(points, self.rings, self.radius, self.separation, reach)
         return self._near
