@@ -200,6 +200,8 @@ def _list_printing(report: Report) -> Iterator[Row]:
     if len(supports.ways) > 1:
         taken, other = supports.ways[:2]
         remedy, how = _WAYS[other.way]
+        if mount is not None and mount.kind == "hang":
+            how = how.removesuffix(", and no holder,")
         yield Row(
             name="otherwise",
             value=other.price,

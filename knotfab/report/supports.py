@@ -160,7 +160,7 @@ def list_ways(
 
     Strands in arches are longer by `ARCHES`; supports fill a share of the room, `ROOM`; the hours follow
     from the grams, and from how much slower the legs of arches print, `PER_GRAM`. What is told, and the word,
-    are those of the piece. There is no estimate for members, nor of their piece.
+    are those of the piece. Eyelets and their posts count as strands; stands and pegs have no estimate.
 
     Args:
         scene: as built. asked: as a person wrote it, where the depth may be open.
@@ -171,7 +171,8 @@ def list_ways(
         print_.bounding_box_mm,
         scene.mount,
     )
-    if seconds is None or not grams or box is None or not (mount.kind == "none" or mount.on_feet):
+    known = mount.on_feet or mount.kind in ("none", "hang")
+    if seconds is None or not grams or box is None or not known:
         return ()
     told = max((view.told.worst.share for view in views if view.told), default=0.0)
     density = 1e-3 * scene.material.density_g_cm3

@@ -24,8 +24,9 @@ ROOTS = {
 }  # fmt: skip
 WAYS = [
     {"way": way, "hours": 9.0, "grams": 80.0, "support_grams": 0.0, "price": price}
-    for way, price in (("roots", 12.0), ("rounded", 13.0))
+    for way, price in (("roots", 12.0), ("rounded", 13.0), ("slicer", 14.0))
 ]
+HANGING = {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0]}
 STRINGS = {
     "retractions": 21121, "layers": 542, "warnings": [], "checks": [],
 }  # fmt: skip
@@ -75,15 +76,17 @@ TOLD: list[tuple[dict[str, Any], str, dict[str, Any]]] = [
     ({"print": {"bounding_box_mm": None, "mass_g": 0.0}}, "piece",
      {"text": "no part; one knot of a tube 4.0 mm thick"}),
     ({"print": {"mount": {"kind": "none"}}}, "mount", {"remedy": "--mount wall"}),
-    ({"print": {"mount": {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0]}}}, "thread", {"status": "do"}),
-    ({"print": {"mount": {"kind": "hang", "thread_mm": [0.0, 50.0, 0.0], "predicted_intrusion": 0.007}}},
-     "thread", {"text": "Its eyelet and rods darken 0.7% of a frame."}),
+    ({"print": {"mount": HANGING}}, "thread", {"status": "do"}),
+    ({"print": {"mount": {**HANGING, "predicted_intrusion": 0.007}}}, "thread",
+     {"text": "Its eyelet and rods darken 0.7% of a frame."}),
     ({"print": {"mount": {"kind": "wall", "foot": "dowel", "pegs": 5}}}, "holes", {"text": "Its 5 pegs"}),
     ({"print": {"roots": {**ROOTS, "screws": []}}}, "tape",
      {"status": "do", "text": "No screw fits its shadow: double-sided tape along its strips holds it (39"}),
     ({"print": {"supports": {**SUPPORTS, "ways": WAYS}}}, "otherwise",
      {"remedy": "--plate rounded", "limit": 12.0, "text": "The next best: in a rounded plate, which is its "
       "screen, it would take about 80 g and 9.0 h, a price of 13.0 h for 12.0 h (--plate rounded)."}),
+    ({"print": {"mount": HANGING, "supports": {**SUPPORTS, "ways": WAYS[:1] + WAYS[2:]}}}, "otherwise",
+     {"text": "The next best: with the slicer's supports it would take about"}),
     ({"print": {"supports": SUPPORTS, "bars": {"count": 3, "grams": 1.0, "longest_mm": 8.3}}}, "supports",
      {"status": "do", "text": "supports off; its 3 threads, up to 8.3 mm long, lie in the shadow"}),
     ({"print": {"supports": SUPPORTS}, "slicer": STRINGS}, "strings",

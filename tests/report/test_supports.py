@@ -69,9 +69,14 @@ def test_what_the_slicer_says_is_held_against_the_limits(asked: str, status: str
 
 
 @pytest.mark.parametrize(
-    ("more", "ways"), [("mount.kind = 'none'\npiece.depth = 'flat'", 1), ("mount.kind = 'wall'", 0)]
+    ("more", "ways"),
+    [
+        ("mount.kind = 'none'\npiece.depth = 'flat'", 1),
+        ("mount.kind = 'wall'", 0),
+        ("mount.kind = 'hang'", 2),
+    ],
 )
-def test_where_there_is_no_other_way_none_is_told(more: str, ways: int) -> None:
+def test_another_way_is_told_where_there_is_one(more: str, ways: int) -> None:
     slicer = scene("slicer", more)
     assert len(list_ways(sliced(50.0, 5.0, 20.0), slicer, slicer)) == ways
 
