@@ -178,11 +178,11 @@ def too_fine(
 # length of a tube over that of its flat start, or over area / width: with depth, and flat
 _LENGTH, _LENGTH_FLAT = 1.45, 1.12
 # length of strands that print without supports over that of those with, and hours a gram (docs/prints.md)
-ARCHES, PER_GRAM = 1.46, 1.08
+ARCHES, PER_GRAM = 1.19, 1.06
 # their length over that of the flat start: longer searches leave more of it, for they close what is light
 LENGTH_ARCHED = {"sketch": 1.53, "draft": 1.62, "standard": 1.75, "fine": 1.8}
 # share of the room about a piece that supports fill: the picture's longer side squared, times the depth
-ROOM = 0.02
+ROOM = 0.019
 # and at most of the room behind the picture, its area times the depth: strokes alone ask for little
 _BEHIND = 0.08
 # share of a tube's core that infill and layers fill where it is level
