@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -179,21 +180,23 @@ def plan_bars(
 
     def find_bar(n: int, least: float) -> tuple[float, Bar, int] | None:
         """Find the bar from a point that spares the two legs most, and the point that it leads to."""
-        here, best = points[n], None
+        best, own_worth = None, spares(own[n], along[n])
         near, away = _find_level(n, points, upwards, lowest, own, along, radius, longest_mm)
         for k in range(len(near)):
             if away[k] < 1.9 * radius:
                 continue
-            worth = spares(own[n], along[n]) + spares(own[near[k]], along[near[k]])
+            worth = own_worth + spares(own[near[k]], along[near[k]])
             if worth <= least or in_one_layer(n, int(near[k])):
                 continue
-            found = lay_bar(n, int(near[k]), here)
+            found = lay_bar(n, int(near[k]))
             if found is not None:
                 best, least = (worth, found, int(near[k])), worth
         return best
 
-    def lay_bar(n: int, other: int, here: Array) -> Bar | None:
+    @cache  # both plans try many of the same
+    def lay_bar(n: int, other: int) -> Bar | None:
         """Lay a bar between two points; None where it would show, end badly or meet another strand."""
+        here = points[n]
         there = points[other] * np.array([1.0, 1.0, 0.0]) + here * np.array([0.0, 0.0, 1.0])
         length = float(np.linalg.norm(there - here))
         if length - 2 * radius > longest_mm:
