@@ -6,6 +6,9 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
@@ -60,9 +63,14 @@ from knotfab_formats.scene import (
 )
 from knotfab_formats.search import SearchSettings
 
+if TYPE_CHECKING:
+    from knotfab.search.state import SearchState
+
 START_FILE = "start.json"
 # searches at most for legs that all have a neighbour: each halves arches, and leaves others without one
 _BRACINGS = 8
+# share of the fine phase that fits arches which were added at the end of a search
+_SHORTER = 1 / 6
 _AMISS = "a leg has no neighbour to brace it, or is too flat"
 
 
@@ -176,22 +184,29 @@ def plan_searches(
             settings = resolve_iterations(settings, pace.iterations)
         elif parted := start_without_bumps(problem, result, radius, settings, knots):
             what, why = "search from parted sides", "a strand stands out of the picture"
-            again: SearchResult = yield replace(first, what=what, start=parted, why=why)
-            if is_better(result, again):
-                result.add_work(again)
+            other: SearchResult = yield replace(first, what=what, start=parted, why=why)
+            if is_better(result, other):
+                result.add_work(other)
             else:
-                again.add_work(result)
-                start, result = parted, again
-        for _ in range(_BRACINGS if pace is None else 0):
+                other.add_work(result)
+                start, result = parted, other
+        for _ in range(_BRACINGS if problem.arched and pace is None else 0):
             braced = start_on_more_legs(problem, start, result.knots)
             if braced is None:
                 break
-            what = "search from more arches"
-            again = yield replace(first, what=what, start=braced, why=_AMISS)
-            if result.feasible and not again.feasible:
+            again = replace(first, what="search from more arches", start=braced, why=_AMISS)
+            ended: SearchState = result.state
+            stood = replace(start, curves=tuple(ended.rings.split(ended.points)))
+            if mended := start_on_more_legs(problem, stood, result.knots, every=True):
+                state = replace(ended, points=np.concatenate(mended.curves))
+                again = _go_on(
+                    replace(again, start=start), "short search on more arches", state, _SHORTER
+                )
+            further: SearchResult = yield again
+            if result.feasible and not further.feasible:
                 break
-            again.add_work(result)
-            start, result = braced, again
+            further.add_work(result)
+            start, result = again.start, further
         unmet = None if result.feasible else result
         if unmet is not None:
             result = (yield from plan_sparser(problem, radius, knots, settings)) or unmet
@@ -214,11 +229,16 @@ def _brace_start(first: Search) -> Steps[Search]:
             found.add_work(work)
         work, start = found, start_on_more_legs(first.problem, coarse.start, found.knots)
         if start is None:
-            rest = first.settings.but(coarse_iterations=0)
-            more = {**first.more, "begun": found.state}
-            return replace(first, start=coarse.start, settings=rest, more=more, why="")
+            return replace(_go_on(first, first.what, found.state), start=coarse.start, why="")
         coarse = replace(coarse, what="coarse search from more arches", start=start, why=_AMISS)
     return replace(first, start=coarse.start, why=_AMISS)
+
+
+def _go_on(search: Search, what: str, begun: SearchState, share: float = 1.0) -> Search:
+    """Return the search that goes on from a state, by this share of the fine phase."""
+    fine = round(share * search.settings.fine_iterations)
+    rest = search.settings.but(coarse_iterations=0, fine_iterations=fine)
+    return replace(search, what=what, settings=rest, more={**search.more, "begun": begun})
 
 
 def _plan(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from knotfab.base.arrays import Array, Indices, Mask
+from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
 from knotfab.geometry.legs import Leg, peaks_of
 from knotfab.knots import Knots
@@ -291,18 +291,22 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
 # greatest height of the arch before a leg that is flat in places, over the leg's: 46 degrees become 57
 _LOW_SHARE = 0.25
+_ROUNDING_MM = 1e-9  # of the gaps at crossings
 _SEEN_EVERY = 8  # points along a leg, each that is looked for in the start
 
 
-def start_on_more_legs(problem: Problem, start: Start, found: Knots) -> Start | None:
+def start_on_more_legs(
+    problem: Problem, start: Start, found: Knots, every: bool = False
+) -> Start | None:
     """Add an arch for each leg that has no neighbour to brace it, or is too flat; None where none is amiss.
 
     An arch with a leg of the first kind becomes two. A flat leg, whose strand is too long for its height,
-    gets a low arch before it. Strands move along the light's rays, but for those that cross others as seen
-    from there: knots keep their types.
+    gets a low arch before it. Strands move along the light's rays. Of two that cross, as seen from there, the
+    nearer one stays nearer, by a tube's width unless it was less: knots keep their types.
 
     Args:
         found: what a search made of the start's curves, whose legs are looked at.
+        every: whether to return None as well if a leg that is amiss cannot be changed.
     """
     if not problem.arched:
         return None
@@ -312,23 +316,31 @@ def start_on_more_legs(problem: Problem, start: Start, found: Knots) -> Start | 
     curves = [curve @ target.axes.T for curve in start.curves]
     plans = [lower(curve, light) for curve in curves]
     floor = min(float(curve[:, 2].min()) for curve in curves)
-    crossing = _find_crossings(plans)
+    ends, shares = _find_crossings(plans)
     begun = [curve[:, 2] - floor for curve in curves]
     # curves, with the ends of the legs that are changed; the top alone, where its arch is halved
-    changed = set[tuple[int, int, int]]()
+    changed, kept = set[tuple[int, int, int]](), list[Leg]()
 
     def find(leg: Leg) -> Indices:
         """Find the vertices of the start that have become a leg."""
         # a search keeps the places in the picture, but lengthens some stretches more than others
         return _find_stretch(begun[leg.curve], plans[leg.curve], lower(leg.points, light))
 
+    def find_gaps() -> Array:
+        """Find how much nearer to the light the second edge of each crossing is, (k, 1) mm."""
+        near = 1.0 / (light - np.concatenate(curves)[:, 2])  # linear along an edge's picture
+        return np.asarray(-np.diff(1.0 / (shares * near[ends]).sum(axis=2)))
+
     def change(leg: Leg, low: int, top: int, height: Array | None) -> None:
-        if height is None:
-            return
-        before, crossed = curves[leg.curve][:, 2] - floor, crossing[leg.curve]
-        if np.array_equal(height[crossed], before[crossed]):
+        before, gaps = curves[leg.curve], find_gaps()
+        if height is not None:
             curves[leg.curve] = lift(plans[leg.curve], height + floor, light)
-            changed.add((leg.curve, low, top))
+            least = np.minimum(np.abs(gaps), 2.0 * radius) - _ROUNDING_MM
+            if (find_gaps() * np.sign(gaps) > least).all():
+                changed.add((leg.curve, low, top))
+                return
+        curves[leg.curve] = before
+        kept.append(leg)
 
     for spot in lacking:
         leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - spot, axis=1).min()))
@@ -354,7 +366,9 @@ def start_on_more_legs(problem: Problem, start: Start, found: Knots) -> Start | 
     add_arches(_is_flat)
     if not changed:  # a further search may well straighten a leg that is flat in places
         add_arches(_is_flat_in_places, _LOW_SHARE)
-    return replace(start, curves=tuple(c @ target.axes for c in curves)) if changed else None
+    if not changed or (every and kept):
+        return None
+    return replace(start, curves=tuple(c @ target.axes for c in curves))
 
 
 def _steps_along(leg: Leg) -> Array:
@@ -375,18 +389,29 @@ def _is_flat_in_places(leg: Leg) -> bool:
     return bool((np.bincount(stretch, rises[flat]) > ROUNDED_MM).any())
 
 
-def _find_crossings(plans: list[Array]) -> list[Mask]:
-    """Mark the vertices of closed curves [(n, 2)] at the ends of edges that cross or touch others."""
-    after = [np.roll(plan, -1, axis=0) for plan in plans]
-    ends = np.stack([np.concatenate(plans), np.concatenate(after)], axis=1)
-    numbers = np.split(np.arange(len(ends)), np.cumsum([len(plan) for plan in plans])[:-1])
+def _find_crossings(plans: list[Array]) -> tuple[Indices, Array]:
+    """Find where edges of closed curves [(n, 2)] cross or touch others.
+
+    Returns the numbers (k, 2, 2) of the vertices at the ends of both edges, and these vertices' shares
+    (k, 2, 2) in the crossing, which are not numbers where the edges are parallel.
+    """
+    points = np.concatenate(plans)
+    numbers = np.split(np.arange(len(points)), np.cumsum([len(plan) for plan in plans])[:-1])
     following = np.concatenate([np.roll(own, -1) for own in numbers])
-    edges = shapely.linestrings(ends)
+    edges = shapely.linestrings(np.stack([points, points[following]], axis=1))
     one, other = shapely.STRtree(edges).query(edges, predicate="intersects")
-    apart = (one != other) & (following[one] != other) & (following[other] != one)
-    crossed = np.zeros(len(edges), dtype=bool)
-    crossed[one[apart]] = True
-    return [crossed[own] | np.roll(crossed[own], 1) for own in numbers]
+    apart = (one < other) & (following[one] != other) & (following[other] != one)
+    pairs = np.column_stack([one, other])[apart]
+    way = (points[following] - points)[pairs]
+    between = points[pairs[:, 1]] - points[pairs[:, 0]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = _cross(between[:, None], way[:, ::-1]) / _cross(way[:, 0], way[:, 1])[:, None]
+    return np.stack([pairs, following[pairs]], axis=2), np.stack([1.0 - at, at], axis=2)
+
+
+def _cross(one: Array, other: Array) -> Array:
+    """Return the cross products of vectors (..., 2)."""
+    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
 
 
 def _shares_of(way: Array) -> Array:
