@@ -190,23 +190,8 @@ def plan_searches(
             else:
                 other.add_work(result)
                 start, result = parted, other
-        for _ in range(_BRACINGS if problem.arched and pace is None else 0):
-            braced = start_on_more_legs(problem, start, result.knots)
-            if braced is None:
-                break
-            again = replace(first, what="search from more arches", start=braced, why=_AMISS)
-            ended: SearchState = result.state
-            stood = replace(start, curves=tuple(ended.rings.split(ended.points)))
-            if mended := start_on_more_legs(problem, stood, result.knots, every=True):
-                state = replace(ended, points=np.concatenate(mended.curves))
-                again = _go_on(
-                    replace(again, start=start), "short search on more arches", state, _SHORTER
-                )
-            further: SearchResult = yield again
-            if result.feasible and not further.feasible:
-                break
-            further.add_work(result)
-            start, result = again.start, further
+        if problem.arched and pace is None:
+            start, result = yield from _brace_end(first, start, result)
         unmet = None if result.feasible else result
         if unmet is not None:
             result = (yield from plan_sparser(problem, radius, knots, settings)) or unmet
@@ -232,6 +217,32 @@ def _brace_start(first: Search) -> Steps[Search]:
             return replace(_go_on(first, first.what, found.state), start=coarse.start, why="")
         coarse = replace(coarse, what="coarse search from more arches", start=start, why=_AMISS)
     return replace(first, start=coarse.start, why=_AMISS)
+
+
+def _brace_end(
+    first: Search, start: Start, result: SearchResult
+) -> Steps[tuple[Start, SearchResult]]:
+    """Plan searches until no leg is amiss at the end of one; return its start and what it found.
+
+    They go on from the strands as found where each such leg can be changed there; else they begin again.
+    """
+    for _ in range(_BRACINGS):
+        braced = start_on_more_legs(first.problem, start, result.knots)
+        if braced is None:
+            break
+        again = replace(first, what="search from more arches", start=braced, why=_AMISS)
+        ended: SearchState = result.state
+        stood = replace(start, curves=tuple(ended.rings.split(ended.points)))
+        if mended := start_on_more_legs(first.problem, stood, result.knots, every=True):
+            state = replace(ended, points=np.concatenate(mended.curves))
+            short = replace(again, start=start)
+            again = _go_on(short, "short search on more arches", state, _SHORTER)
+        further: SearchResult = yield again
+        if result.feasible and not further.feasible:
+            break
+        further.add_work(result)
+        start, result = again.start, further
+    return start, result
 
 
 def _go_on(search: Search, what: str, begun: SearchState, share: float = 1.0) -> Search:

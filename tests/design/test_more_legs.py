@@ -1,5 +1,6 @@
 """Arches that are halved where a leg has nothing to brace it, or added where it is too flat."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,9 +9,10 @@ import pytest
 from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
-from knotfab.design.design import _BRACINGS, _brace_start
+from knotfab.design.design import _BRACINGS, _SHORTER, _brace_end, _brace_start
 from knotfab.design.retries import _FLATTEST_DEG, _find_stretch, start_on_more_legs
 from knotfab.geometry.legs import find_legs, plan_bars
+from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.knots import Knot, Knots
 from knotfab.plan import Search
 from knotfab.problem import Start, TargetView
@@ -112,6 +114,42 @@ def test_coarse_searches_come_first_until_every_leg_stands(height: float) -> Non
     assert going.start is starts[-1] and going.more["begun"] is states[-1]
     assert going.settings == first.settings.but(coarse_iterations=0)
     assert not len(plan_bars(find_legs(list(going.start.curves)), RADIUS, PLA)[1])
+
+
+@dataclass
+class Ended:
+    """The state of a search that has ended, as far as legs go."""
+
+    points: Array
+    rings: Polylines
+
+
+def ended(curve: Array, feasible: bool = True) -> Any:
+    state = Ended(curve, polylines_of([curve]))
+    knots = Knots((Knot(curve),), RADIUS)
+    return SimpleNamespace(knots=knots, state=state, feasible=feasible, add_work=lambda _: None)
+
+
+def test_legs_that_a_search_leaves_amiss_are_changed_where_they_stand() -> None:
+    first = Search("search", problem(), Start((ring(3, 30.0),), "begun"), RADIUS, PRESETS["draft"])
+    found = ended(ring(3, 80.0))
+    steps = _brace_end(first, first.start, found)
+    short = next(steps)
+    assert isinstance(short, Search) and short.start is first.start
+    assert not short.settings.coarse_iterations
+    assert short.settings.fine_iterations == round(_SHORTER * first.settings.fine_iterations)
+    state = short.more["begun"]
+    assert state.rings is found.state.rings and not np.allclose(state.points, found.state.points)
+    np.testing.assert_allclose(lower(state.points, LIGHT), lower(ring(3, 80.0), LIGHT), atol=1e-9)
+    with pytest.raises(StopIteration) as done:
+        steps.send(fitted := ended(state.points))
+    assert done.value.value == (first.start, fitted)
+    # what breaks a limit replaces nothing that keeps all
+    steps = _brace_end(first, first.start, found)
+    next(steps)
+    with pytest.raises(StopIteration) as done:
+        steps.send(ended(state.points, feasible=False))
+    assert done.value.value == (first.start, found)
 
 
 @pytest.mark.parametrize("arches", [2, 3])
