@@ -36,7 +36,6 @@ PICTURE = "the picture"  # the subject of errors that another reading of the pic
 DEPTH_RATIO = 0.66  # depth over width; the contract asks for 0.6, and the flow may lose a little
 # inner corners of a plate's outline are rounded by so much: narrow slits are weak and slow
 FILLET_MM = 8.0
-_SLENDER = 2 / 3  # a single picture's side is its shorter one, at least so much of the longer
 _ROOMY = 1.05  # on the size that would just do
 _NOZZLES = (0.3, 0.25, 0.2, 0.15, 0.1)  # diameters on the market, mm
 _UNEVEN = 0.4  # variation of a drawn line's width, px
@@ -99,12 +98,9 @@ def usual_radii(
         least: smallest radius to try at once, over the usual one.
     """
     span = range_of(len(views))
-    one = len(views) == 1
-    longer = max(v.longer_mm for v in views)
-    across = min(views[0].frame_width_mm, views[0].frame_height_mm)
-    side = max(across, _SLENDER * longer) if one else longer
+    side = max(v.longer_mm for v in views)  # so that a picture that is turned keeps its tube
     usual = max(thinnest, least * span.usual * side)
-    thick = max(span.thickest * side, (1.5 if one else 1.2) * usual)
+    thick = max(span.thickest * side, (1.5 if len(views) == 1 else 1.2) * usual)
     radii = np.geomspace(usual, thick, span.candidates or count).round(4).tolist()
     thin: list[float] = []
     if thinnest < usual:
