@@ -36,7 +36,7 @@ from benchmarks.on_paper import draw_photographs
 from benchmarks.small_pictures import line_pictures, small_pictures
 from examples.lamps.draw import PICTURES as COLOURED
 from examples.pictures import pictures
-from knotfab.design.survey import GUESSED
+from knotfab.design.survey import GUESSED, TOLD_NEAR
 from knotfab.picture.source import TEXT_PREFIX
 from knotfab.pipeline.finish import SAME_TUBE
 from paper.pictures import PUBLISHED, paper_pictures
@@ -131,7 +131,6 @@ PROMISES = (
     "same",
 )
 PROCESS = ("code", "cpu_s", "wall_s", "peak_mb", *PROMISES)
-_TOLD_NEAR = 0.15  # by how much a promise of what the unlit piece tells may be off
 
 
 def draw_sets(seed: int = 39) -> dict[int, list[str]]:
@@ -351,7 +350,7 @@ def compare_promise(promise: Row, report: Report | None) -> Row:
     plate = (report["print"].get("mount") or {}).get("plate") or "none"
     same = plate in str(promise["said_holder"]) and abs(off.pop("", 0.0)) <= SAME_TUBE
     told = abs(float(promise.get("said_told", "nan")) - float(came.get("told", "nan")))
-    same &= not told > _TOLD_NEAR
+    same &= not told > TOLD_NEAR
     return {**off, "same": float(same and all(abs(one) <= GUESSED - 1 for one in off.values()))}
 
 

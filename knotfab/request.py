@@ -30,6 +30,7 @@ class Promise:
     grams: float
     hours: float | None
     length_mm: float
+    told: float | None = None
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,7 @@ from knotfab_formats.scene import ResolvedScene, ResolvedView
 
 SPILL = 0.05  # what is drawn beside a picture counts from this share of its area on
 GUESSED = 1.12  # over a limit, by as much as guesses are off
+TOLD_NEAR = 0.15  # by as much as a guess of what is told is off
 # tube radii: shorter pieces are no larger than the loops that a tube closes in, and are drawn as blobs
 _CLOSES = 8.0
 _SPECK = 0.5  # side of the largest square that nobody misses, in radii of the thinnest tube

@@ -12,7 +12,7 @@ from knotfab.base.errors import SceneError
 from knotfab.base.folder import OutputFolder
 from knotfab.base.progress import Progress
 from knotfab.design.sentence import OPEN_HOLDER, hold_of
-from knotfab.design.survey import GUESSED
+from knotfab.design.survey import GUESSED, TOLD_NEAR
 from knotfab.part.files import read_back_strict
 from knotfab.part.slicer_process import NotSliced, Sliced
 from knotfab.pipeline.piece import WrittenPiece
@@ -197,7 +197,7 @@ def _plate_of(piece: WrittenPiece) -> PlateFigures | None:
 def tell_unlike_preview(
     promise: Promise | None, report: Report, scene: SettledScene, radius_mm: float
 ) -> list[str]:
-    """Say what of a piece is not as the preview told it, and why: holder, tube, grams or hours."""
+    """Say what of a piece is not as the preview told it, and why: holder, tube, grams, hours, told."""
     if promise is None:
         return []
     print_, holder, other = report.print, hold_of(scene), list[str]()
@@ -216,6 +216,9 @@ def tell_unlike_preview(
                 f"it takes {grams:.0f} g and {hours:.1f} h, and not {promise.grams:.0f} g and "
                 f"{promise.hours:.1f} h"
             )
+    said, tells = promise.told, [view.told.worst.share for view in report.views if view.told]
+    if said is not None and tells and abs(max(tells) - said) > TOLD_NEAR:
+        other.append(f"unlit it tells {max(tells):.2f} of its picture, and not {said:.2f}")
     if not other:
         return []
     length = sum(knot.length_mm for knot in report.knots)

@@ -80,7 +80,8 @@ def prepare_build(
         from knotfab.design.sentence import describe
         from knotfab.design.survey import require_drawable
 
-        way, found = _survey_first(call, options.sequence, printing)
+        # a printed piece's start, which its search begins with
+        way, found = _survey_first(call, options.sequence, printing, placed=printing)
     require_drawable(found)
     scene, otherwise, why = way
     return Request(
@@ -104,13 +105,13 @@ def prepare_build(
 def _promise(found: Survey, scene: ResolvedScene) -> Promise | None:
     """Return what a build makes unless it must build again; None if a search decides it."""
     from knotfab.design.sentence import hold_of
+    from knotfab.pipeline.unlit import guess_told
 
     if len(found.views) > 1 or found.frames or scene.settings.free_view or not found.chosen:
         return None
-    guess = found.guess
-    return Promise(
-        found.radius_mm, hold_of(found.scene), guess.mass_g, guess.hours, guess.length_mm
-    )
+    guess, holder = found.guess, hold_of(found.scene)
+    costs = guess.mass_g, guess.hours, guess.length_mm
+    return Promise(found.radius_mm, holder, *costs, guess_told(found))
 
 
 def require_same_picture(folder: Path, picture: str, options: BuildOptions) -> None:

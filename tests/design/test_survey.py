@@ -299,7 +299,7 @@ def test_a_glance_at_a_large_picture_says_the_same(
     whole, glanced = (list_figures(survey(scene, [t]))["views"][0]["lost"][0] for t in found)
     assert glanced["at_px"] == pytest.approx(whole["at_px"], abs=15)
     surveyed = list[Call]()
-    monkeypatch.setattr(prepare, "_survey_first", lambda call, *_: surveyed.append(call))
+    monkeypatch.setattr(prepare, "_survey_first", lambda call, *_, **more: surveyed.append(call))
     with pytest.raises(TypeError):  # where a build goes on from the survey
         prepare_build([str(large)], BuildOptions(out=tmp_path / "out"), "", Progress("quiet"))
     assert len(surveyed[0].targets[0].mask) == 3 * SIDE  # a build keeps all of its pixels

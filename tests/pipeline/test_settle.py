@@ -364,6 +364,8 @@ KEPT = Promise(2.0, "in roots", 50.0, 5.0, 3000.0)
         (replace(KEPT, holder="in a rounded plate"), "it is in roots, and not in a rounded plate"),
         (replace(KEPT, hours=4.2), "it takes 50 g and 5.0 h, and not 50 g and 4.2 h"),
         (replace(KEPT, grams=60.0), "it takes 50 g and 5.0 h, and not 60 g and 5.0 h"),
+        (replace(KEPT, told=0.4), None),
+        (replace(KEPT, told=0.2), "unlit it tells 0.50 of its picture, and not 0.20"),
     ],
 )
 def test_the_first_line_says_what_is_not_as_the_preview_told_and_why(
@@ -372,11 +374,13 @@ def test_the_first_line_says_what_is_not_as_the_preview_told_and_why(
     printed = {**REPORT["print"], "filament_g": 50.0, "time_s": 18000.0}
     plate = Mount(kind="wall", plate="roots")
     scene = resolve(Scene(mount=plate, piece=Piece(printed=True)))
-    longer = tell_unlike_preview(promise, report_with(print=printed), scene, 2.0)
+    from_below = {"share": 0.5, "azimuth": 0.0, "elevation": -30.0}
+    views = [{"told": {"worst": from_below, "door": 0.3, "of": "knots"}}]
+    longer = tell_unlike_preview(promise, report_with(print=printed, views=views), scene, 2.0)
     again = {
         "what": "search", "seconds": 1.0, "cpu_s": 1.0, "outcome": "", "why_next": "a leg sways",
     }  # fmt: skip
-    built = report_with(print=printed, attempts=[again], warnings=longer)
+    built = report_with(print=printed, attempts=[again], warnings=longer, views=views)
     swaying = tell_unlike_preview(promise, built, scene, 2.0)
     assert bool(longer) == bool(swaying) == (told is not None)
     light = report_with(print={**printed, "filament_g": 0.6, "time_s": 250.0})
