@@ -23,6 +23,7 @@ from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
 from knotfab.design.radius import RadiusChoice, choose_radius
 from knotfab.design.retries import (
+    has_valley_aloft,
     is_better,
     plan_prices,
     plan_sparser,
@@ -224,24 +225,28 @@ def _brace_end(
 ) -> Steps[tuple[Start, SearchResult]]:
     """Plan searches until no leg is amiss at the end of one; return its start and what it found.
 
-    They go on from the strands as found where each such leg can be changed there; else they begin again.
+    They go on from the strands as found where each such leg can be changed there; else, or where a valley is
+    then left above the floor, they begin again.
     """
     for _ in range(_BRACINGS):
         braced = start_on_more_legs(first.problem, start, result.knots)
         if braced is None:
             break
-        again = replace(first, what="search from more arches", start=braced, why=_AMISS)
+        again = [replace(first, what="search from more arches", start=braced, why=_AMISS)]
         ended: SearchState = result.state
         stood = replace(start, curves=tuple(ended.rings.split(ended.points)))
         if mended := start_on_more_legs(first.problem, stood, result.knots, every=True):
             state = replace(ended, points=np.concatenate(mended.curves))
-            short = replace(again, start=start)
-            again = _go_on(short, "short search on more arches", state, _SHORTER)
-        further: SearchResult = yield again
-        if result.feasible and not further.feasible:
-            break
-        further.add_work(result)
-        start, result = again.start, further
+            short = replace(again[0], start=start)
+            again.insert(0, _go_on(short, "short search on more arches", state, _SHORTER))
+        for one in again:
+            further: SearchResult = yield one
+            if result.feasible and not further.feasible:
+                return start, result
+            further.add_work(result)
+            start, result = one.start, further
+            if not has_valley_aloft(first.problem, result.knots):
+                break
     return start, result
 
 

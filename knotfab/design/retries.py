@@ -14,7 +14,7 @@ import shapely
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
-from knotfab.geometry.legs import Leg, peaks_of
+from knotfab.geometry.legs import Leg, find_legs, peaks_of
 from knotfab.knots import Knots
 from knotfab.plan import Search, Steps
 from knotfab.problem import Problem, SearchResult, Start, TargetView, brace
@@ -369,6 +369,13 @@ def start_on_more_legs(
     if not changed or (every and kept):
         return None
     return replace(start, curves=tuple(c @ target.axes for c in curves))
+
+
+def has_valley_aloft(problem: Problem, found: Knots) -> bool:
+    """Return whether a valley is left above the floor, where it would begin in mid-air."""
+    legs = find_legs([knot.points @ problem.views[0].axes.T for knot in found.knots])
+    feet = [leg.points[0, 2] for leg in legs]
+    return bool(feet) and max(feet) - min(feet) > 0.5 * found.radius_mm
 
 
 def _steps_along(leg: Leg) -> Array:

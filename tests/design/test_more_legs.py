@@ -144,6 +144,16 @@ def test_legs_that_a_search_leaves_amiss_are_changed_where_they_stand() -> None:
     with pytest.raises(StopIteration) as done:
         steps.send(fitted := ended(state.points))
     assert done.value.value == (first.start, fitted)
+    # a valley left in mid-air would print on nothing: the search begins again
+    aloft = ring(3, 30.0)
+    aloft[100:300, 2] = np.maximum(aloft[100:300, 2], -30.0)
+    steps = _brace_end(first, first.start, found)
+    next(steps)
+    again = steps.send(ended(aloft))
+    assert isinstance(again, Search) and again.settings == first.settings
+    with pytest.raises(StopIteration) as done:
+        steps.send(fitted)
+    assert done.value.value == (again.start, fitted) and again.start is not first.start
     # what breaks a limit replaces nothing that keeps all
     steps = _brace_end(first, first.start, found)
     next(steps)
