@@ -33,7 +33,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab.scene.load import dump_scene, parse_scene
 from knotfab.scene.require import require_several
 from knotfab_formats.errors import InputError
-from knotfab_formats.scene import Scene
+from knotfab_formats.scene import MOST_VIEWS, Scene
 from knotfab_formats.views import View
 from knotfab_validators.files.picture import bend_of, bend_silhouette
 
@@ -214,6 +214,7 @@ def test_views_along_one_line_and_too_many_are_refused() -> None:
             agree(alike, (EGG, PARTED))
     with pytest.raises(InputError, match="14 pictures"):
         require_several(resolve(spread_views(Scene(), "abcdefghijklmn"[:14])))
+    require_several(resolve(spread_views(Scene(), "abcdefghijklmn"[:MOST_VIEWS])))
 
 
 def test_a_mirrored_picture_is_said_and_is_never_text() -> None:

@@ -451,6 +451,19 @@ def test_the_same_lengths_are_fine_where_they_do_not_contradict() -> None:
     parse_scene("[[views]]\n[[views]]\nname = 'side'\nazimuth_deg = 90")
 
 
+@pytest.mark.parametrize(
+    ("top", "own"),
+    [
+        ("", "lamp_colour = [0, 0, 1]"),  # for lamps of one colour
+        ("[lamps]\nmode = 'switch'", ""),
+        ("[lamps]\nmode = 'switch'\nplaces = 'fixed'", "light_right_mm = 300"),  # at one place
+        ("[lamps]\nmode = 'switch'\nplaces = 'auto'", ""),
+    ],
+)
+def test_lamps_may_be_as_their_refusals_suggest(top: str, own: str) -> None:
+    parse_scene(f"{top}\n[[views]]\nname = 'a'\n[[views]]\nname = 'b'\nwall = 'a'\n{own}")
+
+
 def test_scenes_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         load_scene(tmp_path / "missing.toml")
