@@ -11,11 +11,7 @@ from typing import Any, TypeVar
 
 
 def shown(thing: object, most: int = 600) -> str:
-    """Quote a thing on one line; invalid UTF-8 and terminal control characters are shown by number.
-
-    Args:
-        most: characters beyond this are cut.
-    """
+    """Quote a thing on one line of `most` characters; invalid UTF-8 and control characters by number."""
     try:
         text = str(thing)
     except (ValueError, RecursionError):  # a number with thousands of digits; deeply nested lists
