@@ -133,6 +133,7 @@ def test_a_wall_too_far_for_the_printer_is_what_must_change() -> None:
 
     with pytest.raises(SceneError, match=r"wall_distance_mm smaller by more than 3\.0"):
         try_room((210.0, 210.0, 200.0))
+    make_pose([oval((100, 100, 50))], (210.0, 210.0, 200.0))  # --mount none, as it suggests
     with pytest.raises(SceneError, match=r"does not even hold the mount"):
         try_room((10.0, 210.0, 200.0))
     with pytest.raises(SceneError, match=r"Use --size \d+, another"):
