@@ -105,7 +105,7 @@ def _page(work: Path, pictures_to: Path) -> Iterable[str]:
         "`make gallery` builds them and draws this page: shadows of the written files, then the piece by\n"
         "day, from the door and from where it tells most of its picture (told, 0 to 1), and with its lamp\n"
         "on. Most print with supports off, in roots, or in a plate where roots would tell the picture;\n"
-        "what hangs on threads or stands on a foot takes supports. Hours and grams are\n"
+        "the others take the slicer's. Hours and grams are\n"
         "PrusaSlicer's for the default printer (Prusa MK4, PLA). Glyphs are those of DejaVu Sans; the other\n"
         "pictures are drawn by `examples/pictures.py`, which writes them as files:\n"
         "`python examples/pictures.py FOLDER`.\n"

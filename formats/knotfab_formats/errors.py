@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 
 def shown(thing: object, most: int = 600) -> str:
-    """Quote a thing on one line of `most` characters; invalid UTF-8 and control characters by number."""
+    """Quote a thing on one line, cut after `most` characters; what no terminal shows stands as its number."""
     try:
         text = str(thing)
     except (ValueError, RecursionError):  # a number with thousands of digits; deeply nested lists

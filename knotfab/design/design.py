@@ -232,14 +232,16 @@ def _brace_end(
         braced = start_on_more_legs(first.problem, start, result.knots)
         if braced is None:
             break
-        again = [replace(first, what="search from more arches", start=braced, why=_AMISS)]
+        whole = replace(first, what="search from more arches", start=braced, why=_AMISS)
+        searches = [whole]
         ended: SearchState = result.state
         stood = replace(start, curves=tuple(ended.rings.split(ended.points)))
         if mended := start_on_more_legs(first.problem, stood, result.knots, every=True):
             state = replace(ended, points=np.concatenate(mended.curves))
-            short = replace(again[0], start=start)
-            again.insert(0, _go_on(short, "short search on more arches", state, _SHORTER))
-        for one in again:
+            begun = replace(whole, start=start)
+            short = _go_on(begun, "short search on more arches", state, _SHORTER)
+            searches = [short, whole]
+        for one in searches:
             further: SearchResult = yield one
             if result.feasible and not further.feasible:
                 return start, result

@@ -291,7 +291,7 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
 # greatest height of the arch before a leg that is flat in places, over the leg's: 46 degrees become 57
 _LOW_SHARE = 0.25
-_ROUNDING_MM = 1e-9  # of the gaps at crossings
+_ROUNDING_MM = 1e-9  # by so much a gap at a crossing may shrink
 _SEEN_EVERY = 8  # points along a leg, each that is looked for in the start
 
 

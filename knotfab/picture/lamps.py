@@ -340,6 +340,8 @@ def _without_slivers(labels: Labels, reach_px: float) -> Labels:
         cored = np.zeros(count + 1, dtype=bool)
         cored[np.unique(parts[core])] = True
         thin |= horns & cored[parts]
+    if not thin.any():
+        return labels
     rows, columns = distance_transform_edt(thin, return_distances=False, return_indices=True)
     return np.asarray(labels[rows, columns])
 

@@ -191,7 +191,8 @@ def _settle_held(
     except SceneError as error:
         return error.why
     sag = settled[1].mounted.check_sag()
-    if sag is not None and sag.status == "fail" and isinstance(sag.measured, float):
+    if sag is not None and sag.status == "fail":
+        assert isinstance(sag.measured, float)
         return f"it sags {in_digits(sag.measured)} mm"
     return (_tell_dark(settled) if pale else "") or settled
 

@@ -80,8 +80,9 @@ def prepare_build(
         from knotfab.design.sentence import describe
         from knotfab.design.survey import require_drawable
 
-        # a printed piece's start, which its search begins with
-        way, found = _survey_first(call, options.sequence, printing, placed=printing)
+        # where a promise is made of what is told: from the start, with which the search then begins
+        placed = printing and not options.sequence and not call.scene.settings.free_view
+        way, found = _survey_first(call, options.sequence, printing, placed)
     require_drawable(found)
     scene, otherwise, why = way
     return Request(

@@ -14,7 +14,7 @@ from knotfab_formats.verdict import POOR, list_unmet
 # how to ask for another way, and what it is like
 _WAYS = {
     "rounded": ("--plate rounded", "in a rounded plate, which is its screen,"),
-    "slicer": ("--supports slicer", "with the slicer's supports, and no holder,"),
+    "slicer": ("--supports slicer", "with the slicer's supports"),
     "none": ("--supports none", "without supports"),
 }
 _STRINGS = 15.0  # retractions a layer from which on strings are to be expected
@@ -200,8 +200,8 @@ def _list_printing(report: Report) -> Iterator[Row]:
     if len(supports.ways) > 1:
         taken, other = supports.ways[:2]
         remedy, how = _WAYS[other.way]
-        if mount is not None and mount.kind == "hang":
-            how = how.removesuffix(", and no holder,")
+        if other.way == "slicer" and not (mount is not None and mount.kind == "hang"):
+            how += ", and no holder,"
         yield Row(
             name="otherwise",
             value=other.price,

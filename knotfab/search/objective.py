@@ -172,7 +172,7 @@ def add_limits(state: State, limits: Limits, guards: dict[str, Guard], weights: 
 
 # cost of one tube radius of length, in units of the bending energy
 TENSION_LYING = 0.5
-# of strands in arches, which must also rise higher where they run longer; it costs .0006 of IoU
+# and of strands in arches: the longer they run, the higher they must rise. It costs .0006 of IoU
 TENSION_ARCHED = 1.4
 
 

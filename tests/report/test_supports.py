@@ -22,8 +22,8 @@ from knotfab_formats.scene import ResolvedScene
 from knotfab_formats.verdict import Check, Told, ToldFrom
 
 ACROSS = (106.0, 138.0)
-# of knight and heart, built and sliced both ways: their box; grams and hours in arches; the same with the
-# slicer's supports, and grams of these
+# knight and heart, built and sliced both ways: the box; grams and hours in arches; grams, hours and grams of
+# supports with the slicer's
 BOTH = [
     ((108.5, 139.6, 90.2), (34.0, 4.77), (69.3, 8.85, 40.6)),
     ((134.8, 142.2, 91.4), (51.4, 5.70), (82.7, 10.02, 42.5)),
