@@ -201,6 +201,14 @@ class Sag:
 
 
 @dataclass(frozen=True)
+class Named:
+    """The picture's rank among foreign signs: `z` standard deviations above their mean, or `first` of all."""
+
+    z: float
+    first: bool
+
+
+@dataclass(frozen=True)
 class ToldFrom:
     """How much of the picture is told to whoever looks from there: 0 nothing, 1 as plain as the picture."""
 
@@ -245,6 +253,7 @@ class View:
     intrusion: float | None
     depth_ratio: float | None
     told: Told | None = None
+    recognition: dict[str, Named] | None = None  # of 1.x, for one release
     lamp_colour: tuple[float, float, float] | None = None
     iou_drawn: float | None = None
     bending: Bending | None = None

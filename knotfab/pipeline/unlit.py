@@ -30,7 +30,7 @@ def guess_told(found: Survey) -> float | None:
         corners = np.concatenate([corners, strips])
         parts |= {"holder": held, "whole": np.concatenate([faces, held])}
     told = tell(corners, parts, np.eye(3), seen.target.mask)
-    return None if told is None else told.worst.share
+    return None if told is None else told[0].worst.share
 
 
 def _draw_strands(curves: Sequence[Array], radius: float) -> tuple[Array, Indices]:

@@ -38,16 +38,26 @@ def solid_of(
 
 def test_a_plate_of_the_picture_tells_it_from_all_sides_but_its_edge() -> None:
     vertices, faces = solid_of(ell(), 2.0)
-    found = tell(vertices, {"holder": faces, "knots": faces[:0]}, np.eye(3), ell())
+    found, named = tell(vertices, {"holder": faces, "knots": faces[:0]}, np.eye(3), ell()) or (
+        None,
+        {},
+    )
     assert found is not None and found.of == "holder"
+    ((angle, rank),) = named.items()
+    assert (
+        rank.first
+        and rank.z > 3
+        and int(angle) in np.abs([found.worst.azimuth, found.worst.elevation])
+    )
     assert found.worst.share == 1.0 and found.door == 1.0
     assert (found.worst.azimuth, found.worst.elevation) in SIDES
 
 
 def test_a_box_tells_little_of_an_ell_and_nothing_tells_nothing() -> None:
     vertices, faces = solid_of(np.ones((60, 60), dtype=bool), 2.0)
-    found = tell(vertices, {"whole": faces}, np.eye(3), ell())
+    found, named = tell(vertices, {"whole": faces}, np.eye(3), ell()) or (None, {})
     assert found is not None and found.worst.share < 0.5 and found.door <= found.worst.share
+    assert not any(rank.first for rank in named.values())
     assert tell(vertices, {"whole": faces[:0]}, np.eye(3), ell()) is None
     assert tell(vertices, {"whole": faces}, np.eye(3), np.zeros((9, 9), dtype=bool)) is None
     assert len(SIDES) == 12 and set(DOOR) <= set(SIDES)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from knotfab_formats.piece import Piece
-from knotfab_formats.verdict import Layers, Misplacement, Recognition, Told
+from knotfab_formats.verdict import Layers, Misplacement, Named, Recognition, Told
 from knotfab_formats.verdict import View as ViewFound
 from knotfab_validators.arrays import Array, Mask
 from knotfab_validators.check import time_stage
@@ -226,6 +226,7 @@ def tell_view(part: PosedPart, seen: ViewShadow) -> ViewFound:
     `projection` and `receiver` are in the part file's coordinates; the pose is that of the shrunk part.
     """
     found, view, geometry = seen.found, seen.view, seen.geometry
+    told, recognition = _tell(part, seen)
     own, left = geometry.in_part(part.pose), part.scene.material.shrinks_to
     a, b, c, d = (own.receiver / [1.0, 1.0, 1.0, left]).tolist()
     rows = (own.projection * [left, left, left, 1.0]).tolist()
@@ -245,7 +246,8 @@ def tell_view(part: PosedPart, seen: ViewShadow) -> ViewFound:
         outline_error_px=found.outline_px,
         outline_error_mm=found.outline.largest_mm if found.outline is not None else None,
         intrusion=found.intrusion,
-        told=_tell(part, seen),
+        told=told,
+        recognition=recognition,
         depth_ratio=depth_ratio(part.points, geometry),
         lamp_colour=view.lamp_colour if part.scene.share_wall else None,
         iou_drawn=seen.iou_drawn,
@@ -257,7 +259,7 @@ def tell_view(part: PosedPart, seen: ViewShadow) -> ViewFound:
     )
 
 
-def _tell(part: PosedPart, seen: ViewShadow) -> Told | None:
+def _tell(part: PosedPart, seen: ViewShadow) -> tuple[Told, dict[str, Named]] | tuple[None, None]:
     """Measure how much of the picture knots, holder and the whole tell, unlit."""
     faces, curves, geometry = part.mesh.faces, part.curves, seen.geometry
     parts = {"whole": faces}
@@ -270,7 +272,7 @@ def _tell(part: PosedPart, seen: ViewShadow) -> Told | None:
         parts |= {"knots": faces[~own], "holder": faces[own]}
     with time_stage(part.seconds, "told"):
         axes = np.stack([geometry.right, geometry.up, np.cross(geometry.right, geometry.up)])
-        return tell(part.vertices, parts, axes, seen.target)
+        return tell(part.vertices, parts, axes, seen.target) or (None, None)
 
 
 def _misplace(part: PosedPart, seen: ViewShadow) -> Misplacement | None:

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from knotfab_formats.verdict import FOREIGN_SIGNS, Told, ToldFrom
+from knotfab_formats.verdict import FOREIGN_SIGNS, Named, Told, ToldFrom
 from knotfab_validators.arrays import Array, Ints, Mask, compiled
 
 # azimuth and elevation in degrees: to both sides, and from above and below
@@ -40,11 +40,14 @@ _NARROW = 2.5
 _SIGN_PX, _SIGN_MARGIN_PX = 40, 5  # side of a foreign sign, and the margin about its box within it
 
 
-def tell(vertices: Array, parts: Mapping[str, Ints], axes: Array, target: Mask) -> Told | None:
+def tell(
+    vertices: Array, parts: Mapping[str, Ints], axes: Array, target: Mask
+) -> tuple[Told, dict[str, Named]] | None:
     """Measure how much of the picture is told: from the worst side, and from the door.
 
     Each share is by how much the picture fits silhouettes better than foreign signs do, in IoU, of what is
-    `PLAIN`, or of what the picture itself gets if that is less. The largest of all parts counts.
+    `PLAIN`, or of what the picture itself gets if that is less. The largest of all parts counts. Beside it
+    stands the picture's rank among the signs, by the angle (degrees) from which the worst is seen.
 
     Args:
         vertices: (n, 3). parts: faces (m, 3) of what is seen, by name. axes: rows to the right, up, and out
@@ -53,27 +56,28 @@ def tell(vertices: Array, parts: Mapping[str, Ints], axes: Array, target: Mask) 
     if not target.any():
         return None
     picture, local = _Picture(target), axes @ vertices.T
-    found = list[tuple[float, tuple[int, int], str]]()
+    found = list[tuple[float, tuple[int, int], str, Named]]()
     for name, faces in parts.items():
         used, place = np.unique(faces, return_inverse=True)
         own = np.ascontiguousarray(place.reshape(-1, 3), dtype=np.int64)
         seen = np.ascontiguousarray(local[:, used])
         for side in SIDES if len(faces) else ():
-            rival = max((s for s, by, _ in found if side not in DOOR or by in DOOR), default=0.0)
-            looks = _look(seen, own, side, picture)
-            found.append((picture.share(looks, rival), side, name))
+            rival = max((s for s, by, *_ in found if side not in DOOR or by in DOOR), default=0.0)
+            share, named = picture.read(_look(seen, own, side, picture), rival)
+            found.append((share, side, name, named))
     if not found:
         return None
-    share, (azimuth, elevation), of = max(found)
-    door = max(share for share, side, _ in found if side in DOOR)
-    return Told(worst=ToldFrom(share, azimuth, elevation), door=door, of=of)
+    share, (azimuth, elevation), of, named = max(found, key=lambda seen: seen[:3])
+    door = max(share for share, side, *_ in found if side in DOOR)
+    told = Told(worst=ToldFrom(share, azimuth, elevation), door=door, of=of)
+    return told, {str(max(abs(azimuth), abs(elevation))): named}
 
 
 def tell_side(local: Array, faces: Ints, side: tuple[int, int], target: Mask) -> float:
     """Measure how much faces (m, 3) tell from one side; vertices `local` (n, 3) are in the view's axes."""
     picture = _Picture(target)
     own, seen = np.ascontiguousarray(faces, dtype=np.int64), np.ascontiguousarray(local.T)
-    return picture.share(_look(seen, own, side, picture))
+    return picture.read(_look(seen, own, side, picture))[0]
 
 
 def _look(seen: Array, faces: Ints, side: tuple[int, int], picture: _Picture) -> list[Array]:
@@ -85,7 +89,7 @@ def _look(seen: Array, faces: Ints, side: tuple[int, int], picture: _Picture) ->
 def tell_flat(sheet: Mask, target: Mask) -> float:
     """Measure how much of a picture a flat sheet on the wall tells, seen from the front."""
     picture = _Picture(target)
-    return picture.share([_shrink(sheet, picture.wide)] * len(SEEDS))
+    return picture.read([_shrink(sheet, picture.wide)] * len(SEEDS))[0]
 
 
 class _Picture:
@@ -98,16 +102,17 @@ class _Picture:
         others = gain < SAME
         others = others if others.any() else ~others
         self.signs, self.gains, self.usual = signs[others], gains[others], gain[others].mean()
-        self.plain = min(PLAIN, self._stand_out([self.own] * len(SEEDS)))
+        self.plain = min(PLAIN, self._stand_out([self.own] * len(SEEDS))[0])
 
-    def share(self, looks: Sequence[Array], rival: float = 0.0) -> float:
-        """Return how far the picture stands out in looks from nearly one side, of what is plain.
+    def read(self, looks: Sequence[Array], rival: float = 0.0) -> tuple[float, Named]:
+        """Return how far the picture stands out in looks from nearly one side, of what is plain, and rank it.
 
         What is surely less than the share of a `rival` is not worked out: a number between them is returned.
         """
-        return min(max(self._stand_out(looks, rival * self.plain) / self.plain, 0.0), 1.0)
+        out, named = self._stand_out(looks, rival * self.plain)
+        return min(max(out / self.plain, 0.0), 1.0), named
 
-    def _stand_out(self, looks: Sequence[Array], least: float = -np.inf) -> float:
+    def _stand_out(self, looks: Sequence[Array], least: float = -np.inf) -> tuple[float, Named]:
         own = _fit(self.own, looks) - self.usual
         # a fit only grows with its steps, so that what stands out only falls
         fits = np.array([_fit(sign, looks, _FIRST_TRIES) for sign in self.signs])
@@ -115,7 +120,9 @@ class _Picture:
             if own - (fits - self.gains).mean() < least - _ROUNDING:
                 break
             fits[k] = _fit(sign, looks)
-        return float(own - (fits - self.gains).mean())
+        others = fits - self.gains
+        out = float(own - others.mean())
+        return out, Named(out / (float(others.std()) or np.inf), bool(own > others.max()))
 
 
 def _beside(side: tuple[int, int], by_deg: int) -> tuple[int, int]:
