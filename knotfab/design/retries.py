@@ -326,17 +326,21 @@ def start_on_more_legs(
         # a search keeps the places in the picture, but lengthens some stretches more than others
         return _find_stretch(begun[leg.curve], plans[leg.curve], lower(leg.points, light))
 
-    def find_gaps() -> Array:
-        """Find how much nearer to the light the second edge of each crossing is, (k, 1) mm."""
-        near = 1.0 / (light - np.concatenate(curves)[:, 2])  # linear along an edge's picture
-        return np.asarray(-np.diff(1.0 / (shares * near[ends]).sum(axis=2)))
+    def find_gaps() -> tuple[Array, Array]:
+        """Find the heights (n,) and how much nearer to the light each crossing's second edge is, (k,) mm."""
+        heights = np.concatenate(curves)[:, 2]
+        near = 1.0 / (light - heights)  # linear along an edge's picture
+        return heights, -np.diff(1.0 / (shares * near[ends]).sum(axis=2))[:, 0]
 
     def change(leg: Leg, low: int, top: int, height: Array | None) -> None:
-        before, gaps = curves[leg.curve], find_gaps()
+        before, (heights, gaps) = curves[leg.curve], find_gaps()
         if height is not None:
             curves[leg.curve] = lift(plans[leg.curve], height + floor, light)
+            moved, now = find_gaps()
             least = np.minimum(np.abs(gaps), 2.0 * radius) - _ROUNDING_MM
-            if (find_gaps() * np.sign(gaps) > least).all():
+            # edges that rise along a ray cross in no one point, and have no gap: they must stay
+            stay = (np.abs(moved - heights) < _ROUNDING_MM)[ends].all(axis=(1, 2))
+            if (stay | (now * np.sign(gaps) > least)).all():
                 changed.add((leg.curve, low, top))
                 return
         curves[leg.curve] = before

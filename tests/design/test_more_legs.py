@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shapely import MultiPolygon
+from shapely import MultiPolygon, Point
 
 from knotfab.base.arrays import Array
 from knotfab.design.design import _BRACINGS, _SHORTER, _brace_end, _brace_start
@@ -17,6 +17,8 @@ from knotfab.knots import Knot, Knots
 from knotfab.plan import Search
 from knotfab.problem import Start, TargetView
 from knotfab.start.profiles import lower
+from knotfab.start.tie import KnotRoom, tie
+from knotfab_formats.knots import parse_knot_name
 from knotfab_formats.piece import Material
 from knotfab_formats.scene import ResolvedView
 from knotfab_formats.search import PRESETS
@@ -83,9 +85,23 @@ def test_the_arch_that_sways_is_halved_however_the_search_lengthened_others() ->
     assert after[400:600, 2].max() == pytest.approx(0.0, abs=1.0)
 
 
-@pytest.mark.parametrize(("radius", "height"), [(RADIUS, 80.0), (0.5, 140.0)])
-def test_halving_goes_on_until_no_leg_lacks_a_neighbour(radius: float, height: float) -> None:
-    curve = ring(3, height, height)  # the thinner the tube, the lower must arches be
+@pytest.mark.parametrize(
+    ("radius", "height", "knot"),
+    [(RADIUS, 80.0, "unknot"), (0.5, 140.0, "unknot")]
+    + [(RADIUS, 80.0, knot) for knot in ("3_1", "4_1", "5_1")],
+)
+def test_halving_goes_on_until_no_leg_lacks_a_neighbour(
+    radius: float, height: float, knot: str
+) -> None:
+    """A knot is tied into a low arch, with legs along the light's rays: they hold nothing else back."""
+    curve = ring(4, height, height)  # the thinner the tube, the lower must arches be
+    flat = lower(curve, LIGHT)
+    if knot != "unknot":
+        curve[:200, 2] = 0.25 * curve[:200, 2] - 30.0
+        curve[:, :2] = flat * (1.0 - curve[:, 2:] / LIGHT)
+    there = MultiPolygon([Point(flat[100]).buffer(20.0)])
+    room = KnotRoom(there, LIGHT, radius, radius + 0.2, lambda _: 0.0, stands=True)
+    (curve,) = tie((curve,), parse_knot_name(knot).factors, room).curves
     for _ in range(_BRACINGS):
         start = ask(curve, radius=radius)
         if start is None:
