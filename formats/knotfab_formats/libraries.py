@@ -16,8 +16,8 @@ from types import ModuleType
 from typing import Any
 
 Deeds = dict[str, list[str]]
-# what pyvista loads for its charts and cadquery for its viewer: .1 and .4 s
-_IDLE = ("matplotlib.pyplot", "vtk")
+# what pyvista loads for its charts, cadquery for its viewer, torch for its compiler: .1, .4 and .5 s
+_IDLE = ("matplotlib.pyplot", "vtk", "torch.export", "torch._meta_registrations")
 _told: ContextVar[Deeds | None] = ContextVar("libraries", default=None)
 
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, ParamSpec, Self, TypeVar
@@ -101,6 +105,7 @@ class Workers:
     Args:
         words: arguments of the module's `prepare`.
         early: start all now, so that they load before the first request; else each at its first request.
+        copied: each is a copy of this process at first, and has what was loaded here (Linux).
 
     Raises (from `answer`, and from `result` of what `ask` returns):
         Crash: the process ended without an answer.
@@ -114,10 +119,11 @@ class Workers:
         jobs: int = 1,
         env: Mapping[str, str] | None = None,
         early: bool = True,
+        copied: bool = False,
     ) -> None:
         self.ended = threading.Event()
         self._threads = ThreadPoolExecutor(jobs)
-        self._all = [_Worker([module, *words], env) for _ in range(jobs)]
+        self._all = [_Worker([module, *words], env, copied) for _ in range(jobs)]
         self._free: SimpleQueue[_Worker] = SimpleQueue()
         for worker in self._all:
             if early:
@@ -186,11 +192,32 @@ class Workers:
             self._free.put(worker)
 
 
+def _serve_as_copy(words: Sequence[str]) -> None:
+    """Serve in a copy of the process that starts a worker; it never returns."""
+    _held = sys.stdout, sys.stderr  # what they have not written yet is the parent's to write
+    try:
+        # among them the pipe at whose end Popen knows that the copy runs
+        os.closerange(3, 1 + max(map(int, os.listdir("/proc/self/fd"))))
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        gc.enable()  # which Popen has stopped
+        if not sys.flags.safe_path:
+            del sys.path[0]  # as -P has it
+        sys.stdout, sys.stderr = (open(n, "w", 1, "utf-8", closefd=False) for n in (1, 2))  # noqa: SIM115
+        sys.argv = [_SERVE, *words]
+        runpy.run_path(_SERVE, run_name="__main__")
+        os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(1)
+
+
 class _Worker:
     """One process, and its last output on standard error."""
 
-    def __init__(self, words: Sequence[str], env: Mapping[str, str] | None) -> None:
-        self._words, self._env = words, env
+    def __init__(self, words: Sequence[str], env: Mapping[str, str] | None, copied: bool) -> None:
+        self._words, self._env, self._copied = words, env, copied
         self.process: subprocess.Popen[str] | None = None
 
     def start(self) -> None:
@@ -198,6 +225,7 @@ class _Worker:
         if self.process is not None and self.process.poll() is None:
             return
         self.close()
+        copied, self._copied = self._copied, False  # by then threads may run here: it starts afresh
         with contextlib.ExitStack() as failed:
             self._said = failed.enter_context(tempfile.TemporaryFile())
             self.process = subprocess.Popen(
@@ -210,6 +238,8 @@ class _Worker:
                 errors="replace",
                 env=self._env,
                 start_new_session=True,  # Ctrl-C is for the parent, which then ends them
+                restore_signals=not copied,
+                preexec_fn=partial(_serve_as_copy, self._words) if copied else None,
             )
             failed.pop_all()  # it started
 

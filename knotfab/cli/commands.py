@@ -101,28 +101,25 @@ def build(
     events
         Where a line of JSON is written for each thing that happens: a file, or - for standard output.
     """
-    from knotfab.pipeline.verifier import load_early
-
-    with load_early(options.skip), recording():
-        return _build(pictures, options, open_, events)
-
-
-def _build(
-    pictures: tuple[str, ...], options: BuildOptions, open_: bool, events: str | None
-) -> int:
     from knotfab.base.progress import Progress
     from knotfab.cli.summary import draw_shadow
     from knotfab.pipeline.prepare import prepare_build
+    from knotfab.pipeline.verifier import copy_early
     from knotfab_formats.verdict import list_unmet
 
     quiet = options.quiet or events == "-"
     mode = "quiet" if quiet else options.mode
     command = shlex.join(["knotfab", *sys.argv[1:]])
     with (
+        ExitStack() as validators,
+        recording(),
         open_events(events) as told,
         Progress(mode, events=told, began=call_clock.began, draw=draw_shadow) as progress,
     ):
-        request = prepare_build(pictures, options, command, progress)
+        early = copy_early(options.skip)
+        request = prepare_build(
+            pictures, options, command, progress, lambda: validators.enter_context(early)
+        )
         from knotfab.pipeline.build import run_build  # heavy, so only after the call was checked
 
         outcome = run_build(request, progress)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,13 +52,18 @@ _SCATTERED = 12  # pieces, crumbs aside, of a photograph of which another readin
 
 
 def prepare_build(
-    pictures: Sequence[str], options: BuildOptions, command: str, progress: Progress
+    pictures: Sequence[str],
+    options: BuildOptions,
+    command: str,
+    progress: Progress,
+    when_read: Callable[[], object] = lambda: None,
 ) -> Request:
     """Check a call, read its pictures and survey them.
 
     Args:
         pictures: files, SVGs or `text:…`; if none are given, those that the scene names.
         command: the command line, for the report.
+        when_read: called before anything heavy is loaded, unless words or files of the call are refused.
 
     Raises:
         InputError: an option, the scene or a picture is wrong.
@@ -75,6 +80,7 @@ def prepare_build(
             "it holds the builds of a batch",
             f"Name a folder in it, such as {out / call.name}, or add --force.",
         )
+    when_read()
     with progress.stage("preview"):
         # imported only now, so that an unreadable picture is refused without waiting for them
         from knotfab.design.sentence import describe

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import signal
+import sys
 from collections.abc import Collection, Iterator
 from concurrent.futures import Future, wait
 from contextlib import contextmanager
@@ -33,13 +35,15 @@ class _Validators:
 
     Args:
         graphics: whether shadows are rendered, so that VTK is loaded early.
+        copied: whether they begin as copies of this process.
     """
 
-    def __init__(self, graphics: bool, jobs: int) -> None:
+    def __init__(self, graphics: bool, jobs: int, copied: bool = False) -> None:
         self.kind = graphics, jobs, _surroundings()
         self.jobs = jobs
         drawn = ("graphics",) if graphics else ()
-        self._workers = Workers(_MODULE, "geometry", "shadows", *drawn, jobs=jobs)
+        asked = ("geometry", "shadows", *drawn)
+        self._workers = Workers(_MODULE, *asked, jobs=jobs, copied=copied)
 
     def ask(self, request: dict[str, Any]) -> Future[dict[str, Any]]:
         """Submit a piece; the future holds the validators' answer."""
@@ -160,6 +164,24 @@ def load_early(skip: Collection[str] = (), keep: bool = False) -> Iterator[None]
             part.
     """
     with _hold(skip, 1, keep):
+        yield
+
+
+@contextmanager
+def copy_early(skip: Collection[str] = ()) -> Iterator[None]:
+    """Load what validators and caller both need, once: the validators begin as a copy of this process.
+
+    Where this process may have run threads or drawn already, or cannot be copied, it does as `load_early`.
+    """
+    ran = sys.platform != "linux" or {"numba", "torch", "vtkmodules"} & sys.modules.keys()
+    if not ran and not _idle:
+        from knotfab_validators.service import load_common
+
+        graphics = "shadow-render" not in skip
+        load_common(graphics)
+        gc.freeze()  # what both have stays, is looked through by neither, and stays one
+        _idle.append(_Validators(graphics, 1, copied=True))
+    with load_early(skip):
         yield
 
 

@@ -34,7 +34,8 @@ def answer(request, told):
     for k in range(request.get("tell", 0)):
         print('{"event": %d}' % k, file=told)
     time.sleep(request.get("wait", 0))
-    return {"wanted": request, "pid": os.getpid(), "refused": 1 / (1 - request.get("refuse", 0))}
+    refused = 1 / (1 - request.get("refuse", 0))
+    return {"wanted": request, "pid": os.getpid(), "refused": refused, "copy": "colorsys" in sys.modules}
 """
 Start = Callable[..., Workers]
 
@@ -164,22 +165,46 @@ def test_a_system_without_sysconf_or_affinity(monkeypatch: pytest.MonkeyPatch) -
     assert measure_memory_gb() is None
 
 
+COPY = """
+import colorsys
+from knotfab.base.pool import Crash, Workers
+print("a line that only its writer flushes", end=" ")
+with Workers("echo", copied=True) as workers:
+    print(workers.answer({"tell": 1})["copy"])
+    try:
+        workers.answer({"die": True})
+    except Crash as crash:
+        print(crash)
+    print(workers.answer({})["copy"])
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there a process is copied")
+def test_a_copy_has_what_was_loaded_and_is_replaced_by_a_fresh_process(tmp_path: Path) -> None:
+    (tmp_path / "echo.py").write_text(ECHO)
+    call = [sys.executable, "-c", COPY]
+    done = subprocess.run(call, capture_output=True, text=True, env=finding(tmp_path), check=True)
+    assert done.stdout.splitlines() == [
+        *("a line that only its writer flushes True", "exit code 7: no more memory", "False")
+    ]
+
+
 HOLD = """
 import sys, time
 from knotfab.base.pool import Workers
-with Workers("echo") as workers:
+with Workers("echo", copied=len(sys.argv) > 2) as workers:
     print(workers.answer({})["pid"], flush=True)
     workers.answer({"wait": float(sys.argv[1])})
     time.sleep(60)
 """
 
 
-@pytest.mark.parametrize("waits_s", [0, 60])
-def test_children_end_when_their_parent_is_killed(tmp_path: Path, waits_s: float) -> None:
+@pytest.mark.parametrize("words", ["0", "60", "0 copied", "60 copied"])
+def test_children_end_when_their_parent_is_killed(tmp_path: Path, words: str) -> None:
     """They end whether they wait for a request, or answer one."""
     (tmp_path / "echo.py").write_text(ECHO)
     parent = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(waits_s)],
+        [sys.executable, "-c", HOLD, *words.split()],
         stdout=subprocess.PIPE,
         text=True,
         env=finding(tmp_path),

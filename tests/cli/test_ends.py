@@ -123,6 +123,7 @@ def test_interrupted_in_the_middle_of_the_search(tmp_path: Path) -> None:
         time.sleep(0.3)
         children = child_of(build.pid)
         assert children, "the verifier was to start before the search"
+        assert "serve.py" not in Path(f"/proc/{children[0]}/cmdline").read_text()  # it is a copy
         assert len(list(out.iterdir())) == 2  # the earlier part, and the hidden folder
         for _ in range(6):  # Python drops one that arrives while it frees something: press again
             build.send_signal(signal.SIGTERM)

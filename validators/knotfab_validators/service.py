@@ -28,7 +28,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from knotfab_formats.errors import plain
-from knotfab_formats.libraries import add_parts, recording
+from knotfab_formats.libraries import add_parts, defer_idle_modules, recording
 from knotfab_formats.limits import MEASURING, limit_process
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _S = TypeVar("_S")
 _T = TypeVar("_T")
 GEOMETRY = ("knotfab_validators.part_checks", "igl", "pymeshlab", "scipy.sparse.csgraph")
+COMMON = ("numba", "scipy.ndimage", "scipy.spatial", "scipy.sparse.csgraph", "shapely")
 SHADOWS = ("knotfab_validators.shadows.part_shadows", "scipy.ndimage")
 
 
@@ -134,8 +135,19 @@ def _cast_shadows() -> None:
     fit_picture(np.eye(2), np.eye(2), 1, 1)
 
 
+def load_common(graphics: bool) -> None:
+    """Load the libraries that a build needs as well, so that this process may be a copy of the build's."""
+    defer_idle_modules()
+    for name in COMMON:
+        importlib.import_module(name)
+    if graphics:
+        _load_graphics()
+
+
 def _load_graphics() -> None:
     """Load VTK, but open no window: a copy of this process could not draw by its OpenGL."""
+    if "pyvista.plotting" in sys.modules:
+        return
     from knotfab_validators.shadows.render import why_no_rendering
 
     if run_beside(lambda: None, why_no_rendering)[1] is None:
