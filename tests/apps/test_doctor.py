@@ -16,7 +16,6 @@ import knotfab
 import knotfab_validators
 from knotfab.apps import doctor
 from knotfab.apps.doctor import Finding, examine
-from knotfab.base.compiled import _LOOPS, count_loops
 from knotfab.pipeline import verifier
 
 
@@ -44,19 +43,6 @@ def test_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     for finding in findings:
         assert finding.detail
         assert finding.status == "ok" or finding.remedy, finding
-
-
-@pytest.mark.slow
-@pytest.mark.study
-def test_loops_are_compiled_and_kept() -> None:
-    found = doctor.compile_loops()
-    assert found.status == "ok", found
-    assert count_loops()[2] in found.detail
-    # those called from Python: one that runs inside of them is not loaded by itself once they are kept
-    run = {loop.__name__ for loop in _LOOPS if loop.signatures}
-    called = {"find_winners", "evaluate", "step_margin", "gap_hinge", "bend_hinge", "_iou_aside"}
-    held = {"_find_level", "_find_air"}
-    assert called | held <= run
 
 
 @pytest.mark.study

@@ -46,7 +46,7 @@ def _deep(levels: int) -> bytes:
 
 
 def _bomb() -> bytes:
-    vertices = '<vertex x="0" y="0" z="0"/>' * 4_000_000
+    vertices = '<vertex x="0" y="0" z="0"/>' * 2_000_000
     mesh = f"<mesh><vertices>{vertices}</vertices><triangles/></mesh>"
     return as_3mf(model(f'<object id="1" type="model">{mesh}</object>', '<item objectid="1"/>'))
 
@@ -113,16 +113,11 @@ def _obj(face: str) -> bytes:
 
 _IMPOSSIBLE = (  # a word of the refusal, and the scene
     ("piece is 3, but must be a table", "piece = 3"),
-    ("tube_radius_mm", "[piece]\ntube_radius_mm = -1"),
     ("tube_radius_mm", "[piece]\ntube_radius_mm = '2 mm'"),
-    ("clearance_mm", "[piece]\nclearance_mm = -1.0"),
     ("clearance_mm", "[piece]\nclearance_mm = nan"),
-    ("clearance_mm", "[piece]\nclearance_mm = true"),
     ('kind is "cone", but must be "box"', "[region]\nkind = 'cone'"),
     ("a list of as many numbers", "[region]\nsize_mm = [1, 2]"),
-    ("size_mm", "[region]\nsize_mm = [1, 2, 0]"),
     ("a list of as many numbers", "[printer]\nbuild_volume_mm = 'auto'"),
-    ("light_distance_mm", "[[views]]\nlight_distance_mm = 0"),
     ("a list of as many numbers", "[pose]\nmatrix = 'none'"),
     ("rigid", "[pose]\nmatrix = [[2,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"),
     ("rigid", "[pose]\nmatrix = [[1,1,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"),
@@ -211,7 +206,7 @@ def _make_by_hand() -> Iterator[Hostile]:
     yield Hostile("pickle.npy", plain.replace(b"'<f8'", b"'|O' "), "no arrays")
     yield Hostile("flat.npy", plain.replace(b"(12, 3, 3)", b"(36, 3)   "), "no corners")
     yield Hostile("bomb.3mf", _bomb(), "unpacks to")
-    yield Hostile("zeros.3mf", as_3mf(model("", ""), **{"3D/z": b"0" * 300_000_000}), "unpacks to")
+    yield Hostile("zeros.3mf", as_3mf(model("", ""), **{"3D/z": b"0" * 60_000_000}), "unpacks to")
     yield Hostile("laughs.3mf", _deep(30), "triangles")
     yield Hostile("deep.3mf", _deep(3), None)
     yield Hostile("lying.3mf", _lying_sizes(), "damaged")

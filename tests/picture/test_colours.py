@@ -96,7 +96,8 @@ def test_frames_drawn_on_paper_keep_one_box(
     monkeypatch.setattr(source, "read_paper", lambda image: read.append(image) or read_paper(image))
     for k in range(3):
         ink = np.hypot(X - 0.4 - 0.1 * k, Y - 0.5) < 0.12
-        photograph(LIGHTS["falls off"] * np.where(ink, 0.12, 1.0)).save(tmp_path / f"{k}.png")
+        lit = LIGHTS["falls off"] * np.where(ink, 0.12, 1.0)
+        photograph(lit[::2, ::2]).save(tmp_path / f"{k}.png")
     asked = Reading(smooth_px=smooth_px)
     found = read_frames([str(tmp_path)], asked)
     assert len(read) == len(found) == 3
@@ -106,10 +107,9 @@ def test_frames_drawn_on_paper_keep_one_box(
     for one, sheet in zip(found, whole, strict=True):
         assert (one.mask == sheet.mask[part]).all() and (one.asked == sheet.asked[part]).all()
         assert one.mask.sum() == sheet.mask.sum() and "--crop none" in one.notes[-1]
-    kite(Image.new("RGB", (SIDE, SIDE), "white"), (0, 0, 0)).save(tmp_path / "3.png")
-    assert (
-        len({t.mask.shape for t in read_frames([str(tmp_path)])}) == 1
-    )  # one of them drawn by a program
+    # one of them drawn by a program
+    kite(Image.new("RGB", (SIDE, SIDE), "white"), (0, 0, 0)).reduce(2).save(tmp_path / "3.png")
+    assert len({t.mask.shape for t in read_frames([str(tmp_path)])}) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Pictures that may be meant the other way round are told; plain ones raise no doubt."""
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,7 @@ def photographed(kind: str, seed: int, side: int) -> Image.Image:
 
 
 @pytest.mark.parametrize("side", some([340, 150], 2))
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", some(range(3), 3))
 @pytest.mark.parametrize("kind", ["a ball", "a stone", "a leaf", "clouds", "a gradient"])
 def test_a_photograph_whose_shapes_fade_is_refused_and_what_it_is_told_works(
     kind: str, seed: int, side: int, tmp_path: Path
@@ -129,6 +130,11 @@ def test_a_photograph_whose_shapes_fade_is_refused_and_what_it_is_told_works(
     assert 0.15 < read_target(path).mask.mean() < 0.25
 
 
+@cache
+def drawn_pictures() -> dict[str, Image.Image]:
+    return pictures() | small_pictures()
+
+
 @pytest.mark.parametrize(
     ("name", "side", "blur"),
     some(
@@ -139,7 +145,7 @@ def test_a_photograph_whose_shapes_fade_is_refused_and_what_it_is_told_works(
 def test_a_drawing_that_is_blurred_all_over_is_read(
     name: str, side: int, blur: float, tmp_path: Path
 ) -> None:
-    drawn = {**pictures(), **small_pictures()}.get(name) or Image.open(f"examples/{name}.png")
+    drawn = drawn_pictures().get(name) or Image.open(f"examples/{name}.png")
     drawn = drawn.convert("L").resize((side, side), Image.Resampling.LANCZOS)
     soft = 40 + 0.7 * gaussian_filter(np.asarray(drawn, dtype=np.float32), blur * side)
     Image.fromarray(soft.astype(np.uint8)).save(tmp_path / "soft.jpg", quality=75)

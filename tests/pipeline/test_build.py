@@ -410,7 +410,7 @@ def test_a_failed_check_rejects_the_whole_and_keeps_the_earlier(
     shutil.copytree(good.folder, out)
     before = contents(out)
     call = ["build", "text:♥", "--tube-radius", "7", "--out", out, "--print", "--mount", "none"]
-    call += [*UNREAD, "--verbose"]
+    call += ["--supports", "slicer", *UNREAD, "--verbose"]
     done = knotfab(*call)
     assert done.code == 1
     # the design handed in has another tube than the preview told, which is said

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from command import knotfab
 from PIL import Image, ImageDraw
 from reports import check_of, report_with
 
@@ -28,7 +27,7 @@ from knotfab.scene.catalogue import resolve
 from knotfab_formats.piece import Accuracy, Mount, Piece
 from knotfab_formats.report import Motion
 from knotfab_formats.scene import Scene
-from knotfab_formats.verdict import KNOTS, MESH, PRINTING, Check
+from knotfab_formats.verdict import Check
 from knotfab_formats.views import View
 
 FRAME_MM, RADIUS_MM = 45.0, 1.8  # small parts are soon sliced and verified
@@ -158,35 +157,6 @@ def test_the_motion_reported_is_that_of_the_files(outcome: Outcome) -> None:
     # the arm's round end goes this far on the wall
     arm = 2 * 120 * np.sin(np.deg2rad(8.0)) / 256 * FRAME_MM
     assert motion["outline_mm"] == pytest.approx(arm, rel=0.1)
-
-
-# tests/pipeline/test_build.py has it of one piece, and tests/design/test_film.py of frames
-@pytest.mark.study
-def test_its_scene_repeats_it_and_a_failure_is_rejected(outcome: Outcome) -> None:
-    """The same parts, byte for byte; and a build that fails leaves the earlier result as it was."""
-    out = outcome.folder
-    before = {p.name: p.read_bytes() for p in out.iterdir()}
-    written = before["scene.toml"].decode()
-    assert 'iou_floor = "auto"' in written
-    stricter = out / "stricter.toml"
-    stricter.write_text(written.replace('iou_floor = "auto"', "iou_floor = 0.9999"))
-    call = ("build", "--sequence", "--print", "--quiet")
-    # the exact polygons of the shadow decide; of the rest, what is left out whole is not measured
-    unread = ("slicer", "shadow-render", *KNOTS, *MESH, "tube", "clearance", *PRINTING)
-    call += tuple(f"--skip={name}" for name in unread)
-    done = knotfab(*call, "--scene", stricter, "--out", out)
-    stricter.unlink()
-    assert (done.code, done.out) == (1, "")
-    assert "shadow, half_light failed" in done.err
-    rejected = out / "rejected"
-    assert {p.name: p.read_bytes() for p in out.iterdir() if p != rejected} == before
-    marked = {"failures-01.png", "failures-02.png"}  # the parts, with the places that fail
-    assert set(before) == {p.name for p in rejected.iterdir()} - marked
-    for name in ("part-01.stl", "part-02.stl", "knots-02.json", "picture-frame-02.png"):
-        assert (rejected / name).read_bytes() == before[name], name
-    report = json.loads((rejected / "report.json").read_text())
-    assert report["status"] == "fail"
-    assert [v["status"] for v in report["views"]] == ["fail", "fail"]
 
 
 def test_motion_beyond_the_bound_fails() -> None:

@@ -60,7 +60,9 @@ def test_an_honest_piece_passes(holder: str) -> None:
         pytest.param(
             case,
             id=f"{case.holder}: {case.name}",
-            marks=[pytest.mark.study] * (not brought and case.name not in FORGED),
+            # a hanger takes longest to plan; pegs have its forgery
+            marks=[pytest.mark.study]
+            * (not brought and (case.name not in FORGED or case.holder == "hang")),
         )
         for number, case in enumerate(forged())
         if (brought := (case.holder, case.name) in BROUGHT) or number % EVERY == 0
@@ -71,7 +73,7 @@ def test_a_forged_piece_is_rejected(case: Forged, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", some(drawn_forgeries(69, 16), 2), ids=lambda case: case.name)
+@pytest.mark.parametrize("case", some(drawn_forgeries(69, 16), 4), ids=lambda case: case.name)
 def test_a_drawn_forgery_is_rejected(case: Forged, tmp_path: Path) -> None:
     assert judge_forged(case, held(case.holder), tmp_path / "forged")
 

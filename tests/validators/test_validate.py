@@ -5,10 +5,9 @@ import re
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -25,14 +24,13 @@ from knotfab_validators.service import run_beside
 from knotfab_validators.shadows import part_shadows
 from knotfab_validators.shadows.exact_shadow import shadow_lines, shadow_mask
 from knotfab_validators.shadows.view import view_geometry
-from knotfab_validators.validate import conclude_piece, measure_piece, read_piece, validate
+from knotfab_validators.validate import validate
 from tests.corpus.files import encode
 from tests.corpus.parts import Body
 
 pytestmark = pytest.mark.slow  # each draws and measures a whole part
 
 PIXELS = (900, 780)
-HALVES: tuple[Literal["geometry"], Literal["shadows"]] = "geometry", "shadows"
 VIEW = PlainView(frame_width_mm=150.0, frame_height_mm=130.0, wall_tilt_deg=15.0, azimuth_deg=30.0)
 RADIUS = 3.0
 OFF = 'penumbra = "off"\nmisplacement = "off"\n'
@@ -170,18 +168,6 @@ def test_where_nothing_renders_it_says_so_with_exit_code_3(
     assert exact.exit_code == 0 and status(exact)["shadow"] == "pass"
 
 
-# test_lamp and test_misplacement have both figures, and a lamp that is too wide the fail
-@pytest.mark.study
-def test_what_needs_no_graphics_is_measured_without(folder: Path) -> None:
-    scene = (folder / "scene.toml").read_text()
-    (folder / "scene.toml").write_text(scene.replace(OFF, OFF.replace("off", "on")))
-    verdict = run(folder, skip=["shadow-render"], only="shadows")
-    (view,) = verdict.views
-    assert status(verdict)["half_light"] == "pass"
-    assert view.penumbra is not None and view.misplacement is not None
-    assert view.penumbra.iou > 0.97 and 0.9 < view.misplacement.iou < 1.0
-
-
 @pytest.mark.parametrize(("diameter", "expected"), [(0.0, None), (60.0, "fail")])
 def test_a_lamp_too_wide_for_its_strands_fails_as_the_lamp_it_is(
     folder: Path, diameter: float, expected: str | None
@@ -217,26 +203,6 @@ def test_the_shadow_is_measured_where_any_check_of_it_is_asked(
     found = [(c.name, c.detail) for c in run(right, skip=skip, only="shadows").checks]
     left = [(name, "left out on request") for name in OF_SHADOWS]
     assert found == ([("measured", "")] if asked else left)
-
-
-# a build's validators measure two such halves, and test_build has `validate` agree with them
-@pytest.mark.study
-def test_two_halves_are_the_whole(right: Path, tmp_path: Path) -> None:
-    """A failure of either is drawn."""
-    skip = ("shadow-render", "clearance", *KNOTS)
-    whole = run(right, skip=skip)
-    piece = read_piece(*(right / name for name in ("part.stl", "knots.json", "scene.toml")))
-    halves = run_beside(*(partial(measure_piece, piece, skip, None, half) for half in HALVES))
-    shared = conclude_piece(piece, halves, tmp_path / "failed.png")
-    assert shared.to_dict() == {**whole.to_dict(), "picture": shared.picture}
-    assert shared.exit_code == whole.exit_code == 0 and not shared.picture
-    assert whole.seconds.keys() <= shared.seconds.keys()
-    for half, other in (halves, halves[::-1]):
-        worse = replace(half, checks=[replace(half.checks[0], status="fail", required=True)])
-        failed = conclude_piece(piece, [worse, other], tmp_path / "failed.png")
-        assert (failed.status, failed.exit_code) == ("fail", 1)
-        assert (tmp_path / "failed.png").is_file()
-        (tmp_path / "failed.png").unlink()
 
 
 def refuse(name: str) -> NoReturn:

@@ -243,16 +243,16 @@ def test_batches_into_one_folder_keep_each_others_records(played: Path, tmp_path
     assert {r["name"] for r in json.loads(kept.read_text())} == {"b", "c"}
 
 
-@pytest.mark.parametrize("damage", ["", "[null, {}, 1]", '{"a": 1}', "[" * 9999])
 @pytest.mark.slow
-def test_a_damaged_record_is_none(played: Path, tmp_path: Path, damage: str) -> None:
+def test_a_damaged_record_is_none(played: Path, tmp_path: Path) -> None:
     pictures = draw(tmp_path / "pictures", a="pass")
     first = batch([str(pictures)], options(tmp_path))
     kept = tmp_path / "out" / "batch.json"
     whole = json.loads(kept.read_text())
-    kept.write_text(damage)
-    again = batch([str(pictures)], options(tmp_path))
-    assert again[0] | {"seconds": 0} == first[0] | {"seconds": 0}
+    for damage in ("", "[null, {}, 1]", '{"a": 1}', "[" * 9999):
+        kept.write_text(damage)
+        again = batch([str(pictures)], options(tmp_path))
+        assert again[0] | {"seconds": 0} == first[0] | {"seconds": 0}, damage[:20]
     for key in ("exit_code", "iou"):
         kept.write_text(json.dumps([{k: v for k, v in whole[0].items() if k != key}]))
         assert batch([str(pictures)], options(tmp_path))[0]["exit_code"] == 0

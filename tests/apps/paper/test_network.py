@@ -310,17 +310,6 @@ def test_circles_are_convex_and_in_planes_of_their_own(problem: Problem) -> None
     assert found[1][0, 2] - found[0][0, 2] == 9.0
 
 
-@pytest.mark.study  # as from a circle and before the flow
-def test_the_network_draws_better_and_its_polygons_are_proved(problem: Problem) -> None:
-    longer = QUICK.model_copy(update={"network_iterations": 100})
-    result, _, seen = _search(problem, longer)
-    assert result.log.certified
-    assert result.log.accepted > 3
-    assert "invertible network" in result.log.template
-    assert result.iou_estimate > max(0.95, seen[0])
-    assert [k.type for k in result.knots.knots] == ["unknot"]
-
-
 @pytest.mark.slow
 def test_from_a_circle_the_picture_is_found_and_the_type_kept(problem: Problem) -> None:
     circle = QUICK.model_copy(update={"network_start": "circle"})

@@ -15,13 +15,7 @@ from torch import Tensor
 from benchmarks.hard.measure import distances
 from benchmarks.hard.rendering import render_cases
 from benchmarks.hard.terms import applies, paper_error, printed_corners, printed_fails
-from knotfab.apps.paper.ellipse import (
-    clip_segments,
-    project_spheres,
-    support,
-    support_point,
-    tangent_normals,
-)
+from knotfab.apps.paper.ellipse import clip_segments, project_spheres, support, support_point
 from knotfab.apps.paper.outlines import (
     OutlineImage,
     Pinhole,
@@ -59,17 +53,6 @@ def tangle() -> Array:
 
 def image(renderer: Renderer, view: ResolvedView = VIEW) -> ViewImage:
     return image_at(view, disc(), RADIUS, 96, "double", renderer)
-
-
-@pytest.mark.study
-def test_capsules_have_the_silhouette_of_rays() -> None:
-    rays, capsules, ellipses = (
-        image(kind).seen(tangle(), RINGS, RADIUS) for kind in ("ray", "capsule", "ellipse")
-    )
-    # one may differ where an outline passes a pixel's middle
-    assert (rays ^ capsules).sum() <= 2 and rays.sum() > 500
-    assert not (ellipses & ~capsules).any()
-    assert 0 < (capsules & ~ellipses).sum() < 0.1 * rays.sum()
 
 
 @pytest.mark.parametrize("renderer", ["capsule", "ellipse"])
@@ -116,22 +99,6 @@ def test_another_pose_keeps_the_renderer() -> None:
 
 CAMERA = paper_camera(width=40, height=32, focal=(1.0, 0.8, 2.0))
 TAU = 60.0
-
-
-def contact_corners(
-    a: Tensor,  # [n, 3]
-    b: Tensor,  # [n, 3]
-    radius: float,
-    focal_z: float,
-) -> tuple[Tensor, Tensor]:
-    """The quadrilateral: corners [n, 4, 2] P1, P2 (on a's ellipse), P4, P3 (on b's) and whether it exists.
-
-    Not differentiable. The corners are the images of the lines in which the planes touch the cylinder.
-    """
-    normals, exist = tangent_normals(a, b, radius)
-    one, two = (ends - radius * normals for ends in (a, b))
-    points = torch.stack([one[0], one[1], two[1], two[0]], 1)
-    return focal_z * points[..., :2] / points[..., 2:].clamp_min(1e-30), exist
 
 
 def render_outlines_dense(
@@ -195,24 +162,6 @@ def _plane(count: int, seed: int) -> Tensor:
     return 2.4 * torch.rand(count, 2, generator=generator, dtype=torch.float64) - 1.2
 
 
-def _printed_conic(centre: Tensor, radius: float, focal: float) -> Tensor:
-    """The coefficients as printed, with k^2 = |p|^4 / (|p|^2 + r^2): a cone of tan(theta) = r / |p|."""
-    square = float(centre @ centre)
-    # the radius whose |p|^2 - r^2 is that
-    return conic(centre, math.sqrt(square - square**2 / (square + radius**2)), focal)
-
-
-@pytest.mark.parametrize(("radii", "short"), [(10.0, 0.005), (2.0, 0.134)])
-def test_the_printed_cone_is_narrow_and_ours_touches_the_sphere(radii: float, short: float) -> None:
-    centre = torch.tensor([0.0, 0.0, radii], dtype=torch.float64)
-    printed, ours = _printed_conic(centre, 1.0, 1.0), conic(centre, 1.0, 1.0)
-    # on the axis both are circles: A x^2 + F = 0
-    size = [float((-c[5] / c[0]).sqrt()) for c in (printed, ours)]
-    assert size[1] == pytest.approx(math.tan(math.asin(1 / radii)), rel=1e-12)
-    assert size[0] == pytest.approx(math.tan(math.atan(1 / radii)), rel=1e-12)
-    assert 1 - size[0] / size[1] == pytest.approx(short, abs=5e-4)
-
-
 def test_conic_support_and_half_axes_are_one_ellipse() -> None:
     centres, radius, focal = _points(50, 1), 0.3, 2.0
     coefficients = conic(centres, radius, focal)
@@ -234,38 +183,6 @@ def test_conic_support_and_half_axes_are_one_ellipse() -> None:
     ray = torch.cat([q, torch.full_like(q[..., :1], focal)], -1)
     miss = torch.linalg.cross(centres.expand_as(ray), ray).norm(dim=-1) / ray.norm(dim=-1)
     assert torch.allclose(miss, torch.full_like(miss, radius))
-
-
-def _slope_tangents(centre: Tensor, other: Tensor, radius: float, focal: float) -> Tensor:
-    """[2, 2] points of contact on the first ellipse by the paper's vanishing point and slopes m."""
-    x0, y0 = (focal * (centre - other)[:2] / (centre - other)[2]).tolist()
-    a, b, c, d, e, f = conic(centre, radius, focal).tolist()
-    alpha = (b * x0 - 2 * c * y0 - e) ** 2 - 4 * c * x0 * (b * y0 + d)
-    alpha += -4 * c * (c * y0**2 + e * y0 + f) - 4 * a * c * x0**2
-    alpha += 4 * b * (2 * c * x0 * y0 + e * x0)
-    beta = -2 * (b * x0 - 2 * c * y0 - e) * (b * y0 + d)
-    beta += -4 * b * (c * y0**2 + e * y0 + f) + 4 * a * (2 * c * x0 * y0 + e * x0)
-    gamma = (b * y0 + d) ** 2 - 4 * a * (c * y0**2 + e * y0 + f)
-    found = []
-    for sign in (1, -1):
-        m = (-beta + sign * math.sqrt(beta**2 - 4 * alpha * gamma)) / (2 * alpha)
-        lead = a + b * m + c * m * m
-        middle = -b * m * x0 + b * y0 - 2 * c * m * m * x0 + 2 * c * m * y0 + e * m + d
-        x = -middle / (2 * lead)
-        found.append([x, m * (x - x0) + y0])
-    return torch.tensor(found, dtype=torch.float64)
-
-
-def test_corners_are_those_of_the_vanishing_point() -> None:
-    a, b, radius, focal = _points(20, 2), _points(20, 3), 0.08, 2.0
-    corners, exist = contact_corners(a, b, radius, focal)
-    assert exist.sum() >= 18
-    for k in exist.nonzero()[:, 0]:
-        p1, p2, p4, p3 = corners[k]
-        for one, other, ours in ((a[k], b[k], [p1, p2]), (b[k], a[k], [p3, p4])):
-            printed = _slope_tangents(one, other, radius, focal)
-            apart = torch.cdist(torch.stack(ours), printed)
-            assert float(apart.amin(1).max()) < 1e-7 and float(apart.amin(0).max()) < 1e-7
 
 
 def _hull(a: Tensor, b: Tensor, radius: float, focal: float, steps: int = 3000) -> shapely.Polygon:

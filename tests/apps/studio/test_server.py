@@ -12,12 +12,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from http.cookiejar import CookieJar
 from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from urllib.request import HTTPCookieProcessor, build_opener
 
 import numpy as np
 import pytest
@@ -437,39 +435,6 @@ def test_a_preview_says_what_is_lost_and_draws_it() -> None:
     assert figures["views"][0]["frame_mm"][0] == 150 and json.dumps(figures)
     assert len(figures["panels"]) == len(panels) == 1
     assert {max(Image.open(io.BytesIO(png)).size) for png in panels} == {720}
-
-
-# `test_the_studio_ends_with_its_terminal` interrupts one at rest, tests/cli/test_summary.py a builder's build
-@pytest.mark.study
-@pytest.mark.skipif(sys.platform == "win32", reason="the signal is that of other systems")
-def test_ctrl_c_ends_a_studio_and_its_build(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("KNOTFAB_JOBS", "1")
-    call = [sys.executable, "-m", "knotfab", "studio", "--no-open", "--out", str(tmp_path)]
-    with subprocess.Popen(call, stdout=subprocess.PIPE, text=True) as studio:
-        try:
-            assert studio.stdout is not None
-            found = re.search(r"(http\S+)/\?token=\S+", studio.stdout.readline())
-            assert found is not None
-            page = build_opener(HTTPCookieProcessor(CookieJar()))
-            page.addheaders = [("Origin", found[1])]
-            page.open(found[0]).read()
-            for name, body in {
-                "text": {"text": "A"},
-                "settings": {"accuracy": "fine"},
-                "build": {},
-            }.items():
-                page.open(f"{found[1]}/api/{name}", json.dumps(body).encode()).read()
-            while b'"search"' not in page.open(f"{found[1]}/api/state").read():
-                time.sleep(0.1)
-            told = subprocess.run(["pgrep", "-P", str(studio.pid)], capture_output=True, text=True)
-            children = told.stdout.split()
-            studio.send_signal(signal.SIGINT)
-            assert studio.wait(60) == 0 and children
-            assert not any(Path(f"/proc/{child}").exists() for child in children)
-        finally:
-            studio.kill()
 
 
 @pytest.mark.parametrize("asked", [None, 70_000, 2**40])

@@ -44,6 +44,7 @@ ONCE = json.loads(KEPT.with_name("once.json").read_text("utf-8"))  # inputs that
 # networks of many layers take seconds each: those of 8 stand for them
 DEAR = ("24 layers", "24 layers back")
 STUDIES = [pytest.param(name, marks=pytest.mark.study) for name in DEAR]
+SOUGHT = [pytest.param(n, marks=[pytest.mark.study] * (n == "network")) for n in HUNTS]
 CASES = {case.name: case for case in (*loss_cases(), *term_cases(), *network_cases())}
 
 
@@ -143,15 +144,13 @@ def test_a_wrong_inverse_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     assert max(round_trip_share(network, case.inputs[0])) > 1
 
 
-@pytest.mark.parametrize("name", HUNTS)
+@pytest.mark.parametrize("name", SOUGHT)
 def test_the_worst_that_was_found_stays_within_its_bound(name: str) -> None:
     share = HUNTS[name].share(np.array(json.loads(KEPT.read_text("utf-8"))[name]))
     assert 0 <= share <= 1
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.study] if n == "network" else []) for n in HUNTS]
-)
+@pytest.mark.parametrize("name", SOUGHT)
 @given(data=st.data())
 @SEARCH
 def test_no_search_brings_an_error_above_its_bound(name: str, data: st.DataObject) -> None:
