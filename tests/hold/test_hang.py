@@ -305,7 +305,7 @@ def test_a_piece_that_no_struts_make_stiff_is_planned_a_few_times_and_told(
     most_mm: float, rounds: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A thin long tube: each pair of eyelets was once planned four times, with ever more struts."""
-    thin = Knots(tuple(Knot(ring(r, 0.0, 600, 15.0)) for r in (50.0, 38.0)), 0.8)
+    thin = Knots(tuple(Knot(ring(r, 0.0, 160, 15.0)) for r in (50.0, 38.0)), 0.8)
     begun, changes = list[int](), list[int]()
 
     def count(*args: Any, **keys: Any) -> Planned:

@@ -191,7 +191,7 @@ def test_size_is_one_of_three() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("text", "longer"), [("text:l", 1), ("text:long", 0)])
+@pytest.mark.parametrize(("text", "longer"), [("text:l", 1), ("text:—", 0)])
 def test_size_is_that_of_the_longer_side(text: str, longer: int) -> None:
     found = survey_pictures([text], options_from({"size": 90.0})).views[0].view
     sides = found.frame_width_mm, found.frame_height_mm

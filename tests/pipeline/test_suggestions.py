@@ -26,9 +26,10 @@ from knotfab_formats.errors import KnotfabError
 pytestmark = pytest.mark.slow  # most read and survey pictures twice
 HERE = Path(__file__).parents[2] / "examples"
 Options = dict[str, Any]
-# what is typed after `knotfab build`: pictures, and the options of each call with them
+# what is typed after `knotfab build`: pictures, and the options of each call with them; where a picture is
+# surveyed, a tube that is given spares the choice of one
 REFUSED: dict[str, str] = {
-    "cat.png": "--print --max-hours 4.5 | --print --max-grams 25",
+    "cat.png": "--print --tube-radius 3 --max-hours 4.5 | --print --max-grams 25",
     "heart.png": """
         --print --max-grams 30 --tube-radius 2 | --print --supports none --size 600 |
         --size 100 --width 90 | --width 100 --height 300 | --size 100000 | --time-budget 1 |
@@ -43,9 +44,9 @@ REFUSED: dict[str, str] = {
         --plate rounded --free view | --plate rounded --size 300 | --mount stand --plate rounded |
         --mount stand --plate none --supports none | --tube-radius 0.6 | --thicken 200 | --ink alpha |
         --crop 0,0,9000,9000 | --start kept.json --free view | --start kept.json --knot trefoil |
-        --mount stand --wall-distance 20 | --mount stand --scene at-60.toml |
-        --mount stand --scene at-80.toml | --mount stand --scene at-90.toml |
-        --mount hang --wall-distance 20 --supports none | --lamp-diameter 1200""",
+        --tube-radius 4 --mount stand --wall-distance 20 | --tube-radius 4 --mount stand --scene at-60.toml |
+        --tube-radius 4 --mount stand --scene at-80.toml | --tube-radius 4 --mount stand --scene at-90.toml |
+        --tube-radius 4 --mount hang --wall-distance 20 --supports none | --lamp-diameter 1200""",
     "walk/01.png walk/02.png": """
         --no-loop | --sequence --lamps rgb | --sequence --lines on | --sequence --start kept.json |
         --sequence --knots 9""",
