@@ -152,50 +152,6 @@ def test_the_printed_inverse_is_wrong_for_order_three(order: tuple[int, ...]) ->
     assert error > 0.1 if third else error < 1e-14
 
 
-def _literal(scale: float, points: Tensor) -> Tensor:
-    """A layer with S as printed, unbounded: w S + T, here S constant and T zero."""
-    return torch.cat([points[..., :2], points[..., 2:] * scale], -1)
-
-
-def _writhe(points: np.ndarray) -> int:
-    """Sum of the signs of the crossings seen along z: +-3 tells a trefoil of three from its mirror."""
-    a, b = points, np.roll(points, -1, axis=0)
-    total = 0
-    n = len(points)
-    for i in range(n):
-        for j in range(i + 2, n - (i == 0)):
-            u, v, w = b[i] - a[i], b[j] - a[j], a[j] - a[i]
-            det = u[0] * v[1] - u[1] * v[0]
-            if det == 0:
-                continue
-            s = (w[0] * v[1] - w[1] * v[0]) / det
-            t = (w[0] * u[1] - w[1] * u[0]) / det
-            if 0 <= s < 1 and 0 <= t < 1:
-                above = a[i][2] + s * u[2] > a[j][2] + t * v[2]
-                total += int(np.sign(det)) * (1 if above else -1)
-    return total
-
-
-def test_a_negative_scale_mirrors_a_trefoil_and_zero_flattens_it() -> None:
-    t = np.linspace(0, 2 * np.pi, 90, endpoint=False) + 0.01
-    trefoil = np.column_stack(
-        [np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)]
-    )
-    x = torch.as_tensor(trefoil)
-    one = _writhe(trefoil)
-    assert abs(one) == 3
-    assert _writhe(_literal(0.4, x).numpy()) == one
-    assert _writhe(_literal(-0.4, x).numpy()) == -one
-    assert np.linalg.matrix_rank(_literal(0.0, x).numpy() - 0.0) == 2  # no way back
-    layer = _layer((0, 1, 2))
-    with torch.no_grad():
-        layer.shift.out.weight.zero_()
-        layer.shift.out.bias.zero_()
-        for size in (-1e3, 0.0, 1e3):  # whatever S asks for
-            layer.scale.out.weight.fill_(size)
-            assert _writhe(layer(x).numpy()) == one
-
-
 @pytest.mark.parametrize(
     "turn", [(0, 0, 0), (1e-9, 0, 0), (0.3, -2, 1), (1e3, 1, 0), (0, 1e200, 1e200)]
 )
