@@ -123,12 +123,11 @@ def run_loops(*, drawing: bool = False) -> None:
 
 def compile_loops() -> Finding:
     """Compile the loops that most builds run, the validators' too; rarer ones are compiled where they run."""
-    from knotfab.base.compiled import count_loops
     from knotfab.base.errors import MachineError
-    from knotfab.pipeline.verifier import Files, Verifier
+    from knotfab.pipeline.verifier import Files, Verifier, copy_early
 
-    begun = time.perf_counter()
-    with Verifier({"shadow-render"}) as verifier:
+    begun, skip = time.perf_counter(), {"shadow-render"}
+    with copy_early(skip), Verifier(skip) as verifier:
         validators = verifier.submit(Files(None))
         run_loops(drawing=True)
         failed = None
@@ -136,6 +135,8 @@ def compile_loops() -> Finding:
             validators.result()
         except MachineError as error:
             failed = error
+    from knotfab.base.compiled import count_loops  # not sooner: it loads numba
+
     loops, compiled, folder = count_loops()
     kept = f"kept under {folder}" if folder else "there is no place to keep them"
     said = (

@@ -238,13 +238,9 @@ def find_winners(
     return pixel[:found].copy(), capsule[:found].copy()
 
 
-@compiled
 def are_within(places: Places, count: int) -> bool:
     """Return whether all indices lie in range(count)."""
-    least, most = 0, -1
-    for n in range(len(places)):
-        least, most = min(least, places[n]), max(most, places[n])
-    return least >= 0 and most < count
+    return not len(places) or bool(places.min() >= 0 and places.max() < count)
 
 
 @compiled

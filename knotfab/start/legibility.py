@@ -195,12 +195,8 @@ def _iou_aside(
     return both / either if either else 1.0
 
 
-@compiled
 def _fit_all(pictures: Array, look: Array) -> Array:
-    found = np.empty(len(pictures))
-    for k in range(len(pictures)):
-        found[k] = _fit(pictures[k], look)
-    return found
+    return np.array([_fit(picture, look) for picture in pictures])
 
 
 @compiled

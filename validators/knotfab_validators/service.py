@@ -140,6 +140,7 @@ def load_common(graphics: bool) -> None:
     defer_idle_modules()
     for name in COMMON:
         importlib.import_module(name)
+    _triangle()  # with its first loop numba loads what all rest on
     if graphics:
         _load_graphics()
 

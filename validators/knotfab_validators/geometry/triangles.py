@@ -92,6 +92,16 @@ def _corner_of(rows: Array, k: int) -> Triple:
 
 
 @compiled
+def _corners_of(rows: Array) -> tuple[Triple, Triple, Triple]:
+    # numba would compile `_corner_of` for each number that is written out
+    return (
+        (rows[0, 0], rows[0, 1], rows[0, 2]),
+        (rows[1, 0], rows[1, 1], rows[1, 2]),
+        (rows[2, 0], rows[2, 1], rows[2, 2]),
+    )
+
+
+@compiled
 def _minus(p: Triple, q: Triple) -> Triple:
     return p[0] - q[0], p[1] - q[1], p[2] - q[2]
 
@@ -139,17 +149,16 @@ def nearest_of_two(first: Array, second: Array) -> tuple[Array, Array, Array]:
     distance, near = np.empty(count), np.empty((2, count, 3))
     for k in range(count):
         best = np.inf
-        here, there = _corner_of(first[k], 0), _corner_of(second[k], 0)
+        here, there = _corners_of(first[k])[0], _corners_of(second[k])[0]
         for side in range(2):
             one, other = (first[k], second[k]) if side == 0 else (second[k], first[k])
-            a = _corner_of(other, 0)
-            u, v = _minus(_corner_of(other, 1), a), _minus(_corner_of(other, 2), a)
+            a, b, c = _corners_of(other)
+            u, v = _minus(b, a), _minus(c, a)
             normal = _cross(u, v)
             square = _dot(normal, normal)
             if not square > 0.0:
                 continue
-            for c in range(3):
-                point = _corner_of(one, c)
+            for point in _corners_of(one):
                 w = _minus(point, a)
                 s, t = _dot(_cross(w, v), normal) / square, _dot(_cross(u, w), normal) / square
                 height = _dot(w, normal) / square
