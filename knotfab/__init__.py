@@ -37,8 +37,9 @@ if TYPE_CHECKING:
     from knotfab.knots import Knot, Knots
     from knotfab.part.assemble import Part
     from knotfab.picture.read import Target
-    from knotfab.problem import Problem, SearchResult, Start
+    from knotfab.problem import Problem, Start
     from knotfab.request import Outcome
+    from knotfab.search.state import SearchResult
     from knotfab.search.term import TorchTerm
     from knotfab_formats.errors import InputError, KnotfabError
     from knotfab_formats.scene import ResolvedScene, Scene, SettledScene
@@ -55,11 +56,12 @@ _MODULES = {
     "knotfab.base.errors": ("InputError", "KnotfabError", "MachineError", "SceneError"),
     "knotfab.knots": ("Knot", "Knots"),
     "knotfab.part.assemble": ("Part",),
-    "knotfab.problem": ("Problem", "SearchResult", "Start"),
+    "knotfab.problem": ("Problem", "Start"),
     "knotfab.base.progress": ("Event",),
     "knotfab.request": ("Outcome",),
     "knotfab_formats.scene": ("ResolvedScene", "Scene", "SettledScene"),
     "knotfab.picture.read": ("Target",),
+    "knotfab.search.state": ("SearchResult",),
     "knotfab.search.term": ("TorchTerm",),
 }  # fmt: skip
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

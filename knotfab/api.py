@@ -32,9 +32,10 @@ if TYPE_CHECKING:
     from knotfab.design.question import Question
     from knotfab.knots import Knot
     from knotfab.part.assemble import Part
-    from knotfab.problem import SearchResult, Start
+    from knotfab.problem import Start
     from knotfab.request import Outcome
     from knotfab.search.objective import Term
+    from knotfab.search.state import SearchResult
     from knotfab_formats.search import SearchSettings
 
 Source = str | Path | Any  # a file, text:…, a picture of PIL, or an array

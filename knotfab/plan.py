@@ -17,7 +17,8 @@ from knotfab.base.progress import Progress, cpu_seconds
 from knotfab_formats.report import AttemptFigures
 
 if TYPE_CHECKING:
-    from knotfab.problem import Problem, SearchResult, Start
+    from knotfab.problem import Problem, Start
+    from knotfab.search.state import SearchResult
     from knotfab_formats.search import SearchSettings
 
 Found = TypeVar("Found")

@@ -1,11 +1,10 @@
-"""The question put to a search, its start, and its result."""
+"""The question put to a search, and its start; and the bars of what prints without supports."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from shapely import MultiPolygon
@@ -14,8 +13,7 @@ from knotfab.base.arrays import Array, Mask
 from knotfab.effects.base import Decision, World
 from knotfab.geometry.legs import MOST_BAR_MM, Bar, Leg, find_legs, hide_behind, plan_bars
 from knotfab.knots import Knots
-from knotfab.limits.feasibility import Feasibility
-from knotfab.limits.terms import Guard, Limits
+from knotfab.limits.terms import Limits
 from knotfab.render.image import ViewImage, image_at
 from knotfab.scene.camera import camera_of, view_axes, walls_of
 from knotfab_formats.scene import ResolvedView, SettledRegion
@@ -73,20 +71,27 @@ class TargetView:
         return view_axes(self.view)
 
 
-def brace(
-    knots: Knots, axes: Array, hidden: Callable[[Array], bool], world: World
-) -> tuple[list[Leg], list[Bar], Array]:
-    """Plan the bars of knots that are printed without supports, with the light's axis up.
+@dataclass(frozen=True)
+class Braced:
+    """The legs of knots that print without supports, with the light's axis up, and the bars that brace them.
 
-    Also return their legs and the places (k, 3) that lack a bar. All are in the view's axes (3, 3).
-
-    Args:
-        knots: in the scene. hidden: as for `plan_bars`.
+    All are in the view's `axes` (3, 3). `lacking` (k, 3): the places that lack a bar.
     """
+
+    axes: Array
+    legs: list[Leg]
+    bars: list[Bar]
+    lacking: Array
+
+
+def brace(knots: Knots, target: TargetView, world: World) -> Braced:
+    """Plan the bars of knots in the scene that a view's picture hides."""
+    axes = target.axes
     legs = find_legs([knot.points @ axes.T for knot in knots.knots])
-    how = world.leg_modulus_mpa(knots.radius_mm), hidden
+    how = world.leg_modulus_mpa(knots.radius_mm), target.hides
     longest = MOST_BAR_MM * world.material.shrinks_to  # as it is printed
-    return legs, *plan_bars(legs, knots.radius_mm, *how, longest_mm=longest, thrifty=True)
+    planned = plan_bars(legs, knots.radius_mm, *how, longest_mm=longest, thrifty=True)
+    return Braced(axes, legs, *planned)
 
 
 @dataclass(frozen=True)
@@ -199,43 +204,3 @@ class CertificateLog:
     def add_margin(self, margin_mm: float) -> None:
         """Record the margin of a granted certificate."""
         self.least_margin_mm = min(self.least_margin_mm, margin_mm)
-
-
-@dataclass(repr=False)
-class SearchResult:
-    """The knots in scene coordinates, how they were found, and whether they are feasible.
-
-    Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.
-    `views` are those of the problem, or the one that a search with an unknown pose found, in whose axes
-    the knots stand (`numbers` says how that view is turned relative to the one asked for). `ended` tells
-    how many iterations and repairs there were, and why no more.
-    """
-
-    knots: Knots
-    feasibility: Feasibility
-    log: CertificateLog
-    effects: dict[str, Decision]
-    depth: DepthChoice | None
-    ious: tuple[float, ...]  # one per view, as the search measured them
-    views: tuple[ResolvedView, ...] = ()
-    numbers: ViewNumbers | None = None  # of a pose that the search found
-    guards: Mapping[str, Guard] = field(default_factory=dict)  # by the limit's name
-    ended: str = ""
-    state: Any = None  # in which the search ended: another may go on from it
-
-    @property
-    def iou_estimate(self) -> float:
-        """The IoU of the worst view."""
-        return min(self.ious, default=0.0)
-
-    @property
-    def feasible(self) -> bool:
-        """True if every limit holds."""
-        return not self.feasibility.violations
-
-    def add_work(self, earlier: SearchResult) -> None:
-        """Add the calls and seconds that an earlier search spent on limits and effects."""
-        for name, guard in earlier.guards.items():
-            self.guards[name].add(guard)
-        for name, decision in earlier.effects.items():
-            self.effects[name].add(decision)

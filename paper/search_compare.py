@@ -17,9 +17,10 @@ from benchmarks.measurement import Stopwatch, paint_comparison, read_question, r
 from examples.pictures import pictures
 from knotfab.base.arrays import Mask
 from knotfab.knots import Knots
-from knotfab.problem import Problem, SearchResult
+from knotfab.problem import Problem
 from knotfab.search.flow import plan_of
 from knotfab.search.search import search
+from knotfab.search.state import SearchResult
 from knotfab.start.filling import Template, fill
 from knotfab.start.start import make_start
 from knotfab_formats.scene import VERIFIED_PX

@@ -241,7 +241,6 @@ def tradeoff(
     from knotfab.base.progress import Progress
     from knotfab.picture.raster import GLANCE
     from knotfab.pipeline.prepare import read_call
-    from knotfab.pipeline.read_options import read_scene
     from knotfab.pipeline.values import read_seconds
 
     if not pictures:
@@ -249,9 +248,9 @@ def tradeoff(
     if options.sequence:
         raise InputError("--sequence", "each picture is a piece of its own here", "Leave it out.")
     limit_s = None if time_limit is None else read_seconds(time_limit, "--time-limit")
-    chosen, _ = read_scene(options)
-    for picture in pictures:  # so that what cannot be built is reported at once
-        read_call([picture], BuildOptions(**vars(options)), Progress("quiet"), GLANCE)
+    asked = BuildOptions(**vars(options))
+    # all are read, so that what cannot be built is reported at once
+    chosen, *_ = (read_call([one], asked, Progress("quiet"), GLANCE).scene for one in pictures)
     from knotfab.apps.tradeoff.run import print_ways
     from knotfab.apps.tradeoff.run import tradeoff as run
 

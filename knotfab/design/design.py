@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from knotfab.design.budget import (
 )
 from knotfab.design.hull import HullBound
 from knotfab.design.question import Question, ask
-from knotfab.design.radius import RadiusChoice, choose_radius
+from knotfab.design.radius import RadiusChoice, choose_radius, take_radius
 from knotfab.design.retries import (
     has_valley_aloft,
     is_better,
@@ -47,11 +46,12 @@ from knotfab.limits.feasibility import Feasibility
 from knotfab.picture.raster import silhouette_uri
 from knotfab.picture.read import Target
 from knotfab.plan import Attempts, Search, Steps
-from knotfab.problem import SearchResult, Start
+from knotfab.problem import Start
 from knotfab.scene.require import require_tube
 from knotfab.search.flow import plan_of
 from knotfab.search.objective import Pose
 from knotfab.search.search import Pace
+from knotfab.search.state import SearchResult, SearchState
 from knotfab.start.start import make_start, start_from_knots
 from knotfab_formats.report import Price
 from knotfab_formats.scene import (
@@ -63,9 +63,6 @@ from knotfab_formats.scene import (
     SettledScene,
 )
 from knotfab_formats.search import SearchSettings
-
-if TYPE_CHECKING:
-    from knotfab.search.state import SearchState
 
 START_FILE = "start.json"
 # searches at most for legs that all have a neighbour: each halves arches, and leaves others without one
@@ -213,7 +210,7 @@ def _brace_start(first: Search) -> Steps[Search]:
         found: SearchResult = yield coarse
         if work is not None:
             found.add_work(work)
-        work, start = found, start_on_more_legs(first.problem, coarse.start, found.knots)
+        work, start = found, start_on_more_legs(first.problem, coarse.start, found)
         if start is None:
             return replace(_go_on(first, first.what, found.state), start=coarse.start, why="")
         coarse = replace(coarse, what="coarse search from more arches", start=start, why=_AMISS)
@@ -229,14 +226,14 @@ def _brace_end(
     then left above the floor, they begin again.
     """
     for _ in range(_BRACINGS):
-        braced = start_on_more_legs(first.problem, start, result.knots)
+        braced = start_on_more_legs(first.problem, start, result)
         if braced is None:
             break
         whole = replace(first, what="search from more arches", start=braced, why=_AMISS)
         searches = [whole]
-        ended: SearchState = result.state
+        ended = result.state
         stood = replace(start, curves=tuple(ended.rings.split(ended.points)))
-        if mended := start_on_more_legs(first.problem, stood, result.knots, every=True):
+        if mended := start_on_more_legs(first.problem, stood, result, every=True):
             state = replace(ended, points=np.concatenate(mended.curves))
             begun = replace(whole, start=start)
             short = _go_on(begun, "short search on more arches", state, _SHORTER)
@@ -247,7 +244,7 @@ def _brace_end(
                 return start, result
             further.add_work(result)
             start, result = one.start, further
-            if not has_valley_aloft(first.problem, result.knots):
+            if not has_valley_aloft(result):
                 break
     return start, result
 
@@ -403,10 +400,10 @@ def choose_tube(
         require_tube(question.scene)
     question = question.with_depth(radius)
     with progress.stage("template"):
-        start = None if choice is None else choice.start
-        if start is None:
-            template = None if choice is None else choice.template
-            start = make_start(question.problem, radius, settings, knots, template=template)
+        found = choice or take_radius(question, settings, knots, radius, placed=True)
+        start = found.start or make_start(
+            question.problem, radius, settings, knots, template=found.template
+        )
     require_strokes(question, start)
     return question.as_started(start), radius, start, choice
 

@@ -35,10 +35,11 @@ from knotfab.picture.opening import opening_iou
 from knotfab.picture.read import Target
 from knotfab.picture.silhouette import signed_distance
 from knotfab.plan import Search, Steps
-from knotfab.problem import CertificateLog, Problem, SearchResult, Start
+from knotfab.problem import CertificateLog, Problem, Start
 from knotfab.scene.require import require_sequence
 from knotfab.search.flow import FlowSettings, Phase, Plan, repair_phase, three_phases
 from knotfab.search.objective import Term, Weights
+from knotfab.search.state import SearchResult
 from knotfab.start.profiles import lower
 from knotfab_formats.report import Motion
 from knotfab_formats.scene import ResolvedScene, SettledScene

@@ -266,6 +266,25 @@ def choose_radius(
     )
 
 
+def take_radius(
+    question: Question, settings: SearchSettings, knots: int | None, radius: float, placed: bool
+) -> RadiusChoice:
+    """Take a radius that is given, mm, with its template for one view and, if `placed`, its start.
+
+    Raises:
+        SceneError: there is no such start.
+    """
+    trials = _recall(question, settings, knots)
+    templates, starts = trials.templates, trials.starts
+    if trials.one_view and radius not in templates:
+        templates[radius] = make_template(question.problem.views[0], radius, knots)
+    template = templates.get(radius)
+    if placed and radius not in starts:
+        problem = question.with_depth(radius).problem
+        starts[radius] = make_start(problem, radius, settings, knots, template=template)
+    return RadiusChoice(radius, (), template, starts[radius] if placed else None)
+
+
 def _candidates(trials: _Trials) -> tuple[list[float], list[float]]:
     """Return the radii to try at once, and thinner ones for pictures too fine for these, mm."""
     question, settings = trials.question, trials.settings

@@ -14,10 +14,10 @@ import shapely
 
 from knotfab.base.arrays import Array, Indices
 from knotfab.base.errors import SceneError
-from knotfab.geometry.legs import Leg, find_legs, peaks_of
-from knotfab.knots import Knots
+from knotfab.geometry.legs import Leg, peaks_of
 from knotfab.plan import Search, Steps
-from knotfab.problem import Problem, SearchResult, Start, TargetView, brace
+from knotfab.problem import Problem, Start, TargetView
+from knotfab.search.state import SearchResult
 from knotfab.search.upright import FLANK_DEG
 from knotfab.start.arches import LOWEST_ARCH_RADII
 from knotfab.start.filling import Template
@@ -296,7 +296,7 @@ _SEEN_EVERY = 8  # points along a leg, each that is looked for in the start
 
 
 def start_on_more_legs(
-    problem: Problem, start: Start, found: Knots, every: bool = False
+    problem: Problem, start: Start, found: SearchResult, every: bool = False
 ) -> Start | None:
     """Add an arch for each leg that has no neighbour to brace it, or is too flat; None where none is amiss.
 
@@ -310,10 +310,9 @@ def start_on_more_legs(
     """
     if not problem.arched:
         return None
-    target = problem.views[0]
-    light, radius = target.view.light_distance_mm, found.radius_mm
-    legs, _, lacking = brace(found, target.axes, target.hides, problem.world)
-    curves = [curve @ target.axes.T for curve in start.curves]
+    light, radius = problem.views[0].view.light_distance_mm, found.knots.radius_mm
+    axes, legs = found.braced.axes, found.braced.legs
+    curves = [curve @ axes.T for curve in start.curves]
     plans = [lower(curve, light) for curve in curves]
     floor = min(float(curve[:, 2].min()) for curve in curves)
     ends, shares = _find_crossings(plans)
@@ -346,7 +345,7 @@ def start_on_more_legs(
         curves[leg.curve] = before
         kept.append(leg)
 
-    for spot in lacking:
+    for spot in found.braced.lacking:
         leg = min(legs, key=lambda one: float(np.linalg.norm(one.points - spot, axis=1).min()))
         places = find(leg)
         top = int(places[-1]) if len(places) else -1
@@ -372,14 +371,13 @@ def start_on_more_legs(
         add_arches(_is_flat_in_places, _LOW_SHARE)
     if not changed or (every and kept):
         return None
-    return replace(start, curves=tuple(c @ target.axes for c in curves))
+    return replace(start, curves=tuple(c @ axes for c in curves))
 
 
-def has_valley_aloft(problem: Problem, found: Knots) -> bool:
+def has_valley_aloft(found: SearchResult) -> bool:
     """Return whether a valley is left above the floor, where it would begin in mid-air."""
-    legs = find_legs([knot.points @ problem.views[0].axes.T for knot in found.knots])
-    feet = [leg.points[0, 2] for leg in legs]
-    return bool(feet) and max(feet) - min(feet) > 0.5 * found.radius_mm
+    feet = [leg.points[0, 2] for leg in found.braced.legs]
+    return bool(feet) and max(feet) - min(feet) > 0.5 * found.knots.radius_mm
 
 
 def _steps_along(leg: Leg) -> Array:

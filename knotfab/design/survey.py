@@ -30,7 +30,7 @@ from knotfab.design.hull import HullBound
 from knotfab.design.likeness import Likeness, compare_lines, estimate_likeness, recognisable_radius
 from knotfab.design.motion import find_leap
 from knotfab.design.question import Question, ask
-from knotfab.design.radius import RadiusChoice, choose_radius
+from knotfab.design.radius import RadiusChoice, choose_radius, take_radius
 from knotfab.design.settings import suit_settings
 from knotfab.design.small import SmallParts, require_strokes
 from knotfab.knots import read_start
@@ -43,7 +43,6 @@ from knotfab.problem import Start
 from knotfab.scene.camera import camera_of
 from knotfab.start.filling import Template
 from knotfab.start.lift import refuse_doubled
-from knotfab.start.start import make_start, make_template
 from knotfab_formats.errors import in_digits
 from knotfab_formats.piece import Piece
 from knotfab_formats.scene import ResolvedScene, ResolvedView
@@ -264,13 +263,7 @@ def _choose_tube(
         placed = placed or len(targets) > 1  # their starts tell the radius
         choice = choose_radius(question, settings, knots, placed=placed)
     else:
-        template = start = None
-        if len(targets) == 1:
-            template = make_template(question.problem.views[0], radius, knots)
-        if placed and not settings.start:
-            problem = question.with_depth(radius).problem
-            start = make_start(problem, radius, settings, knots, template=template)
-        choice = RadiusChoice(radius, (), template, start)
+        choice = take_radius(question, settings, knots, radius, placed and not settings.start)
     if choice.start is not None:
         require_strokes(question, choice.start)
     return question, choice

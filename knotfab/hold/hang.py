@@ -87,73 +87,15 @@ _ROUNDS = 4  # rounds of moving the eyelets by the centre of mass, to which post
 
 @dataclass(frozen=True, kw_only=True)
 class HangMount(MemberHolder):
-    """A hanger in the scene; its posts lead to its eyelets. The piece hangs askew by `tilt_deg`.
-
-    `bed`: on which it prints without supports, if it does.
-    """
+    """A hanger in the scene; its posts lead to its eyelets. The piece hangs askew by `tilt_deg`."""
 
     eyelets: tuple[Eyelet, ...]
     tilt_deg: float
-    bed: Bed | None = None
 
     @property
     def threads(self) -> Array:
         """Where threads carry the piece, (1 or 2, 3)."""
         return np.array([ring.thread for ring in self.eyelets])
-
-
-def plan_hang(
-    knots: Knots,
-    cameras: Sequence[Camera],
-    targets: Sequence[Mask],
-    clearance_mm: float,
-    stiffness: Stiffness,
-    least_radius_mm: float,
-    ends: bool = False,
-    bed: Bed | None = None,
-) -> HangMount:
-    """Choose struts, posts and eyelets for knots in scene coordinates (gravity: -y).
-
-    The knots are joined to one piece. Two eyelets are tried where it must not turn, the pair that shows
-    least first, and one where no two hold it. For several pictures pairs are tried until one lies in the
-    shadow of all of them, or beside them; where none does, the one that darkens least is taken.
-
-    Args:
-        cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole frame.
-        least_radius_mm: of a member that the printer can make.
-        ends: whether screens end at their frames, beside which no shadow is seen.
-        bed: where it prints without supports: every member rises from a strand, and an eyelet stands on its
-            posts, as high as the centre of mass. One flat on the bed would let the piece tip.
-
-    Raises:
-        SceneError: a knot cannot be reached, or no eyelet has a place.
-    """
-    work = begin_hang(knots, cameras, targets, clearance_mm, stiffness, least_radius_mm, ends, bed)
-    found = []
-    fixed = len(cameras) == 1 or lost_by_turning(knots, cameras, targets) >= TURN_LOSS
-    for offsets in work.list_pairs() if fixed else []:
-        try:
-            found.append(work.plan(offsets))
-        except SceneError:
-            continue
-        if found[-1].sag_mm <= stiffness.max_sag_mm:
-            if len(cameras) == 1:
-                return found[-1]
-            if found[-1].predicted_intrusion.max() <= _UNSEEN:
-                break
-    steady = [one for one in found if one.sag_mm <= stiffness.max_sag_mm]
-    try:
-        single = work.plan(np.zeros((1, 3)))
-        if steady:
-            pair = min(steady, key=lambda one: float(one.predicted_intrusion.max()))
-            darker = pair.predicted_intrusion.max() - single.predicted_intrusion.max()
-            return pair if darker <= _DARKER else single
-        if single.sag_mm <= stiffness.max_sag_mm or not found:
-            return single
-    except SceneError:
-        if not found:
-            raise
-    return min(found, key=lambda one: one.sag_mm)
 
 
 def begin_hang(
@@ -165,8 +107,15 @@ def begin_hang(
     least_radius_mm: float,
     ends: bool = False,
     bed: Bed | None = None,
-) -> _Hanger:
-    """Join the knots to one piece, as `plan_hang` begins; its arguments.
+) -> Hanger:
+    """Join knots in scene coordinates (gravity: -y) to one piece, so that it can be hung.
+
+    Args:
+        cameras, targets: each view's camera, and its picture's silhouette (H, W) over the whole frame.
+        least_radius_mm: of a member that the printer can make.
+        ends: whether screens end at their frames, beside which no shadow is seen.
+        bed: where it prints without supports: every member rises from a strand, and an eyelet stands on its
+            posts, as high as the centre of mass. One flat on the bed would let the piece tip.
 
     Raises:
         SceneError: a knot cannot be reached.
@@ -200,8 +149,21 @@ def begin_hang(
         ) from error
     wire = max(thin, least_radius_mm)
     blank = Eyelet(np.zeros(3), cameras[0].level_axes[0], 0.5 * HOLE_MM + wire, wire)
-    return _Hanger(
-        knots, sites, joints, holds, obstacles, shadows, pool, visible, stiffness, thin, blank, bed
+    return Hanger(
+        knots,
+        tuple(cameras),
+        tuple(targets),
+        sites,
+        joints,
+        holds,
+        obstacles,
+        shadows,
+        pool,
+        visible,
+        stiffness,
+        thin,
+        blank,
+        bed,
     )
 
 
@@ -226,10 +188,12 @@ def lost_by_turning(knots: Knots, cameras: Sequence[Camera], targets: Sequence[M
 
 
 @dataclass(frozen=True)
-class _Hanger:
+class Hanger:
     """What every way of hanging a piece starts from: its knots joined to one, and what may stiffen it."""
 
     knots: Knots
+    cameras: tuple[Camera, ...]
+    targets: tuple[Mask, ...]
     sites: Sites
     joints: Candidates
     holds: Indices
@@ -245,6 +209,43 @@ class _Hanger:
     @property
     def middle(self) -> Array:
         return _centre_of_mass(masses_of(self.knots, self.joints))
+
+    def plan_best(self) -> HangMount:
+        """Choose struts, posts and eyelets.
+
+        Two eyelets are tried where the piece must not turn, the pair that shows least first, and one where no
+        two hold it. For several pictures pairs are tried until one lies in the shadow of all of them, or
+        beside them; where none does, the one that darkens least is taken.
+
+        Raises:
+            SceneError: no eyelet has a place.
+        """
+        found, most, one_view = list[HangMount](), self.stiffness.max_sag_mm, len(self.cameras) == 1
+        seen = self.knots, self.cameras, self.targets
+        fixed = one_view or lost_by_turning(*seen) >= TURN_LOSS
+        for offsets in self.list_pairs() if fixed else []:
+            try:
+                found.append(self.plan(offsets))
+            except SceneError:
+                continue
+            if found[-1].sag_mm <= most:
+                if one_view:
+                    return found[-1]
+                if found[-1].predicted_intrusion.max() <= _UNSEEN:
+                    break
+        steady = [one for one in found if one.sag_mm <= most]
+        try:
+            single = self.plan(np.zeros((1, 3)))
+            if steady:
+                pair = min(steady, key=lambda one: float(one.predicted_intrusion.max()))
+                darker = pair.predicted_intrusion.max() - single.predicted_intrusion.max()
+                return pair if darker <= _DARKER else single
+            if single.sag_mm <= most or not found:
+                return single
+        except SceneError:
+            if not found:
+                raise
+        return min(found, key=lambda one: one.sag_mm)
 
     def list_pairs(self) -> list[Array]:
         """List offsets (2, 3) of two eyelets from the centre of mass, mm; pairs that show least first."""
@@ -345,7 +346,6 @@ class _Hanger:
                     holds=held,
                     eyelets=tuple(rings),
                     tilt_deg=_tilt_deg(threads, middle),
-                    bed=self.bed,
                     sag_mm=sag,
                     sag_at=at,
                     predicted_intrusion=self.shadows.darken(bars),

@@ -11,18 +11,17 @@ import numpy as np
 
 from knotfab.base.arrays import Array, Mask
 from knotfab.effects.base import World
-from knotfab.geometry.legs import hide_behind
 from knotfab.geometry.tube import Mesh, as_manifold, as_mesh
 from knotfab.hold.beams import Stiffness
 from knotfab.hold.eyelet import Bed
 from knotfab.hold.foot_plate import ears_mm, plan_foot_plate
-from knotfab.hold.hang import MOST_TILT_DEG, HangMount, begin_hang, hang_bodies, plan_hang
+from knotfab.hold.hang import MOST_TILT_DEG, Hanger, HangMount, begin_hang, hang_bodies
 from knotfab.hold.solids import Fixture, stand_bodies, stand_fixtures
 from knotfab.hold.stand import StandMount, StandSettings, plan_stand
 from knotfab.hold.wall import WallMount, plan_wall, wall_bodies
 from knotfab.knots import Knots
-from knotfab.problem import brace
-from knotfab.scene.camera import Camera, camera_of, view_axes
+from knotfab.problem import Braced
+from knotfab.scene.camera import Camera, camera_of
 from knotfab.scene.require import require_mount
 from knotfab_formats.print_figures import MountFigures, PlateFigures, RootsFigures
 from knotfab_formats.scene import ResolvedScene, SettledScene
@@ -42,6 +41,7 @@ def mount_piece(
     tubes: list[Mesh],
     cameras: Sequence[Camera],
     targets: Sequence[Mask] = (),
+    bed: Bed | None = None,
     *,
     thoroughly: bool = True,
 ) -> Mounted:
@@ -53,6 +53,7 @@ def mount_piece(
     Args:
         cameras: of the views. targets: their pictures' silhouettes (H, W), which a stand and a
             hanger need, and in which struts hide.
+        bed: on which it prints without supports.
         thoroughly: as for `plan_wall`.
 
     Raises:
@@ -67,18 +68,16 @@ def mount_piece(
     if asked.kind == "none":
         return Mounted(tubes, _name_knots(len(tubes)), scene, None)
     stiffness, clearance_mm = Stiffness.from_scene(scene, knots), scene.piece.clearance_mm
-    least_mm, ends = scene.printer.min_tube_radius_mm, scene.screen_ends
     if asked.kind in ("stand", "hang") and len(targets) != len(cameras):
         raise ValueError("a stand or an eyelet is placed by the silhouettes of all views")
     if asked.kind == "stand":
-        settings = _stand_settings(scene)
+        settings, ends = _stand_settings(scene), scene.screen_ends
         stand = plan_stand(knots, cameras, targets, clearance_mm, stiffness, settings, ends)
         count = tuple(int((stand.holds == k).sum()) for k in every)
         scene, bodies = scene.but(mount=asked.but(pegs=count)), stand_bodies(tubes, stand)
         return Mounted(bodies, ["piece on its stand"], scene, BASE_DOWN, stand)
     if asked.kind == "hang":
-        bed = plan_bed(scene, knots, cameras[0], targets[0])
-        hang = plan_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends, bed)
+        hang = _begin_hang(scene, knots, cameras, targets, stiffness, bed).plan_best()
         bodies, (first, *second) = hang_bodies(tubes, hang), map(tuple, hang.threads.tolist())
         count = tuple(int((hang.holds == k).sum()) for k in every)
         places = {"thread_mm": first, "second_thread_mm": second[0] if second else None}
@@ -103,23 +102,41 @@ def mount_piece(
 
 
 def require_holder(
-    scene: ResolvedScene, knots: Knots, cameras: Sequence[Camera], targets: Sequence[Mask]
+    scene: ResolvedScene,
+    knots: Knots,
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+    bed: Bed | None = None,
 ) -> None:
     """Refuse a stand or a hanger that has no place about these strands: those that a search begins with.
+
+    Args:
+        bed: as for `mount_piece`.
 
     Raises:
         SceneError: as `mount_piece`.
     """
-    clearance_mm, ends, material = scene.piece.clearance_mm, scene.screen_ends, scene.material
+    material = scene.material
     stiffness = Stiffness(material.young_modulus_mpa, material.density_g_cm3, np.inf)
     if scene.mount.kind == "stand":
-        how = clearance_mm, stiffness, _stand_settings(scene), ends
+        settings, ends = _stand_settings(scene), scene.screen_ends
+        how = scene.piece.clearance_mm, stiffness, settings, ends
         plan_stand(knots, cameras, targets, *how, thoroughly=False)
     elif scene.mount.kind == "hang":
-        bed = plan_bed(scene, knots, cameras[0], targets[0])
-        least_mm = scene.printer.min_tube_radius_mm
-        begun = begin_hang(knots, cameras, targets, clearance_mm, stiffness, least_mm, ends, bed)
-        begun.require_place()
+        _begin_hang(scene, knots, cameras, targets, stiffness, bed).require_place()
+
+
+def _begin_hang(
+    scene: ResolvedScene,
+    knots: Knots,
+    cameras: Sequence[Camera],
+    targets: Sequence[Mask],
+    stiffness: Stiffness,
+    bed: Bed | None,
+) -> Hanger:
+    least_mm, ends = scene.printer.min_tube_radius_mm, scene.screen_ends
+    how = scene.piece.clearance_mm, stiffness, least_mm, ends, bed
+    return begin_hang(knots, cameras, targets, *how)
 
 
 def _stand_settings(scene: ResolvedScene) -> StandSettings:
@@ -127,23 +144,15 @@ def _stand_settings(scene: ResolvedScene) -> StandSettings:
     return StandSettings(asked.base_thickness_mm, asked.min_tip_deg, least_mm)
 
 
-def plan_bed(scene: ResolvedScene, knots: Knots, camera: Camera, target: Mask) -> Bed | None:
-    """Plan the bed of a piece that stands with the light's axis up, and the bars that hold its legs there.
-
-    None for a piece that prints with supports.
-    """
-    if scene.piece.supports != "none":
-        return None
-    upright, world = np.eye(4), World.from_scene(scene)
-    upright[:3, :3] = axes = view_axes(scene.views[0])
-    hidden = hide_behind(target, camera.projection @ upright.T)
-    legs, bars, _ = brace(knots, axes, hidden, world)
+def lay_bed(braced: Braced, radius: float, world: World) -> Bed:
+    """Lay the bed of a piece that stands with the light's axis up, with the bars that hold its legs there."""
+    upright, (legs, bars) = np.eye(4), (braced.legs, braced.bars)
+    upright[:3, :3] = axes = braced.axes
     ties = np.array([end for bar in bars for end in (bar.start, bar.end)]).reshape(-1, 3)
-    free = [leg.list_free(ties, 1.5 * knots.radius_mm) for leg in legs]
+    free = [leg.list_free(ties, 1.5 * radius) for leg in legs]
     places = np.concatenate([leg.points for leg in legs]) @ axes
-    bars = [bar.moved(upright.T) for bar in bars]
-    firm = world.leg_modulus_mpa(knots.radius_mm)
-    return Bed(axes[2], firm, knots.radius_mm, tuple(bars), places, np.concatenate(free))
+    moved = tuple(bar.moved(upright.T) for bar in bars)
+    return Bed(axes[2], world.leg_modulus_mpa(radius), radius, moved, places, np.concatenate(free))
 
 
 def _name_knots(count: int) -> list[str]:

@@ -14,12 +14,13 @@ from knotfab.base.errors import SceneError
 from knotfab.base.progress import Progress
 from knotfab.design.design import Design
 from knotfab.design.settings import outline_mm
+from knotfab.effects.base import World
 from knotfab.geometry.legs import Bar
 from knotfab.geometry.overhang import Rules
 from knotfab.geometry.tube import WITHIN_MM, Faces, Mesh, as_manifold, as_mesh, face_normals, sweep
 from knotfab.hold.eyelet import Bed
 from knotfab.hold.lamp_frame import Table, frame_or_reason
-from knotfab.hold.mount import Mounted, mount_piece, plan_bed
+from knotfab.hold.mount import Mounted, lay_bed, mount_piece
 from knotfab.knots import Knots
 from knotfab.part.pose import PrintPose, choose_pose
 from knotfab.picture.read import Target
@@ -89,7 +90,10 @@ def part_of(
     cameras = cameras_of(scene.views, targets)
     masks = [target.mask for target in targets]
     with progress.stage("mount"):
-        mounted = mount_piece(scene, made.knots, tubes, cameras, masks, thoroughly=thoroughly)
+        bed = None
+        if printing and scene.piece.supports == "none":
+            bed = lay_bed(made.result.braced, made.knots.radius_mm, World.from_scene(scene))
+        mounted = mount_piece(scene, made.knots, tubes, cameras, masks, bed, thoroughly=thoroughly)
     if scene.mount.kind == "auto" and mounted.wall is not None and not scene.mount.on_feet:
         progress.say(
             f"{len(tubes)} loose knots: a wall mount holds them (--mount none leaves it out)"
@@ -99,10 +103,7 @@ def part_of(
         bodies = list(pose.tubes)
         if mounted.scene.mount.kind != "none":
             bodies = [clean_body(body) for body in bodies]
-        standing = bed = None
-        if printing:
-            hang = mounted.hang
-            bed = hang.bed if hang else plan_bed(scene, made.knots, cameras[0], masks[0])
+        standing = None
         if bed is not None:
             pose, bodies, standing = stand(pose, bodies, bed, mounted.scene.mount.on_feet)
             bodies = [*bodies, *(bar.make_body() for bar in standing.bars)]

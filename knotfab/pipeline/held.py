@@ -7,20 +7,22 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from shapely import MultiPolygon
 
 from knotfab.base.arrays import Array
 from knotfab.base.errors import SceneError
 from knotfab.design.candidates import Laid, hours_of_plate, hours_of_tube, price_of
 from knotfab.design.design import Design
 from knotfab.design.survey import Survey
+from knotfab.effects.base import World
 from knotfab.geometry.overhang import Estimate, Strands, estimate
 from knotfab.hold.hang import HOLE_MM
-from knotfab.hold.mount import BASE_DOWN, choose_foot, require_holder
+from knotfab.hold.mount import BASE_DOWN, choose_foot, lay_bed, require_holder
 from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import rules_of
 from knotfab.part.orient import estimate_print_minutes, propose_turns, rank_turns, strands_of
 from knotfab.picture.read import Target
-from knotfab.problem import Start
+from knotfab.problem import Start, TargetView, brace
 from knotfab.scene.camera import Camera, camera_of, cameras_of
 from knotfab_formats.scene import ResolvedScene
 
@@ -57,9 +59,13 @@ def refuse_holder(found: Survey) -> SceneError | None:
     framed = tuple(seen.view for seen in found.views)
     cameras = cameras_of(framed, [seen.target for seen in found.views])
     knots = _knots_of(found.start, found.radius_mm)
+    masks = [seen.target.mask for seen in found.views]
+    bed = None
+    if found.scene.mount.kind == "hang" and found.scene.piece.supports == "none":
+        seen, world = TargetView(framed[0], masks[0], MultiPolygon()), World.from_scene(found.scene)
+        bed = lay_bed(brace(knots, seen, world), knots.radius_mm, world)
     try:
-        masks = [seen.target.mask for seen in found.views]
-        require_holder(found.scene.but(views=framed), knots, cameras, masks)
+        require_holder(found.scene.but(views=framed), knots, cameras, masks, bed)
     except SceneError as error:
         return error
     return None

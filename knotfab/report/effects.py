@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from knotfab.design.design import Design
     from knotfab.effects.base import Decision
     from knotfab.picture.read import Target
-    from knotfab.problem import SearchResult
+    from knotfab.search.state import SearchResult
     from knotfab_formats.scene import ResolvedScene
 
 # how the report's keys read

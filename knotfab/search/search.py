@@ -21,10 +21,10 @@ from knotfab.geometry.carry import subdivide
 from knotfab.geometry.measures import bend_radii
 from knotfab.geometry.polylines import Polylines
 from knotfab.limits.feasibility import Feasibility
-from knotfab.problem import CertificateLog, Problem, Report, SearchResult, Start, Watch
+from knotfab.problem import CertificateLog, Problem, Report, Start, Watch
 from knotfab.search.flow import FlowSettings, Phase, Plan, plan_of
 from knotfab.search.objective import Chamfer, Pose, Term, Weights
-from knotfab.search.state import SearchState, begin_search, resample_state, run_phase
+from knotfab.search.state import SearchResult, SearchState, begin_search, resample_state, run_phase
 from knotfab_formats.search import SearchSettings
 
 _SEEN_EVERY = 10  # iterations between measurements of the reported IoU

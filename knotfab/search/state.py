@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,16 @@ from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.knots import Knot, Knots
 from knotfab.limits.feasibility import Feasibility, guard_limits, measure_feasibility
 from knotfab.limits.terms import Guard, Limits
-from knotfab.problem import CertificateLog, Problem, Start, ViewNumbers, Watch
+from knotfab.problem import (
+    Braced,
+    CertificateLog,
+    DepthChoice,
+    Problem,
+    Start,
+    ViewNumbers,
+    Watch,
+    brace,
+)
 from knotfab.render.image import ViewImage
 from knotfab.search.flow import Between, Phase
 from knotfab.search.objective import (
@@ -30,6 +40,7 @@ from knotfab.search.objective import (
     Term,
 )
 from knotfab.search.upright import Upright
+from knotfab_formats.scene import ResolvedView
 from knotfab_formats.search import SearchSettings
 
 _SHORT = 0.015  # IoU by which a goal is below the view's bound; settling and repairs cost some more
@@ -168,6 +179,52 @@ class SearchState:
                 objective.shares = balance.update(objective.ious(points))
 
         return update
+
+
+@dataclass(repr=False)
+class SearchResult:
+    """The knots in scene coordinates, how they were found, and whether they are feasible.
+
+    Where `feasible` is False, `feasibility.violations` says which limit is broken, by how much and where.
+    `views` are those of the problem, or the one that a search with an unknown pose found, in whose axes
+    the knots stand (`numbers` says how that view is turned relative to the one asked for). `ended` tells
+    how many iterations and repairs there were, and why no more.
+    """
+
+    knots: Knots
+    feasibility: Feasibility
+    log: CertificateLog
+    effects: dict[str, Decision]
+    depth: DepthChoice | None
+    ious: tuple[float, ...]  # one per view, as the search measured them
+    views: tuple[ResolvedView, ...]
+    numbers: ViewNumbers | None  # of a pose that the search found
+    guards: Mapping[str, Guard]  # by the limit's name
+    ended: str
+    state: SearchState  # in which the search ended: another may go on from it
+
+    @property
+    def iou_estimate(self) -> float:
+        """The IoU of the worst view."""
+        return min(self.ious, default=0.0)
+
+    @property
+    def feasible(self) -> bool:
+        """True if every limit holds."""
+        return not self.feasibility.violations
+
+    @cached_property
+    def braced(self) -> Braced:
+        """Its legs and bars, where strands stand in arches, for a further search and for the part."""
+        problem = self.state.problem
+        return brace(self.knots, problem.views[0], problem.world)
+
+    def add_work(self, earlier: SearchResult) -> None:
+        """Add the calls and seconds that an earlier search spent on limits and effects."""
+        for name, guard in earlier.guards.items():
+            self.guards[name].add(guard)
+        for name, decision in earlier.effects.items():
+            self.effects[name].add(decision)
 
 
 def begin_search(

@@ -46,10 +46,11 @@ from knotfab.limits.terms import Felt
 from knotfab.picture.frames import read_frames
 from knotfab.picture.read import Target
 from knotfab.plan import Attempts
-from knotfab.problem import Problem, SearchResult
+from knotfab.problem import Problem
 from knotfab.scene.catalogue import resolve
 from knotfab.search.objective import Term, Weights
 from knotfab.search.search import search
+from knotfab.search.state import SearchResult
 from knotfab.start.start import make_start
 from knotfab_formats.piece import Material, Piece, Sequence
 from knotfab_formats.scene import Scene

@@ -15,7 +15,7 @@ from knotfab.geometry.legs import find_legs, plan_bars
 from knotfab.geometry.polylines import Polylines, polylines_of
 from knotfab.knots import Knot, Knots
 from knotfab.plan import Search
-from knotfab.problem import Start, TargetView
+from knotfab.problem import Start, TargetView, brace
 from knotfab.start.profiles import lower
 from knotfab.start.tie import KnotRoom, tie
 from knotfab_formats.knots import parse_knot_name
@@ -44,6 +44,13 @@ def problem(arched: bool = True) -> Any:
     return SimpleNamespace(arched=arched, views=(target,), world=world)
 
 
+def found(*curves: Array, radius: float = RADIUS, **more: Any) -> Any:
+    """What a search made of its start: a result, as far as legs go."""
+    knots, asked = Knots(tuple(map(Knot, curves)), radius), problem()
+    braced = brace(knots, asked.views[0], asked.world)
+    return SimpleNamespace(knots=knots, braced=braced, add_work=lambda _: None, **more)
+
+
 def ask(
     curve: Array,
     *,
@@ -54,7 +61,7 @@ def ask(
     every: bool = False,
 ) -> Start | None:
     start = Start((curve if begun is None else begun,), "a circle", types)
-    return start_on_more_legs(problem(arched), start, Knots((Knot(curve),), radius), every)
+    return start_on_more_legs(problem(arched), start, found(curve, radius=radius), every)
 
 
 def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:
@@ -122,9 +129,7 @@ def test_coarse_searches_come_first_until_every_leg_stands(height: float) -> Non
             assert asked.coarse_iterations and not asked.fine_iterations + asked.settle_iterations
             states.append(object())
             starts.append(coarse.start)
-            knots = Knots(tuple(map(Knot, coarse.start.curves)), RADIUS)
-            found: Any = SimpleNamespace(knots=knots, state=states[-1], add_work=lambda _: None)
-            coarse = steps.send(found)
+            coarse = steps.send(found(*coarse.start.curves, state=states[-1]))
     going: Search = done.value.value
     assert len(starts) == (1 if height < 80.0 else 2) and starts[0] is begun
     assert going.start is starts[-1] and going.more["begun"] is states[-1]
@@ -141,21 +146,19 @@ class Ended:
 
 
 def ended(curve: Array, feasible: bool = True) -> Any:
-    state = Ended(curve, polylines_of([curve]))
-    knots = Knots((Knot(curve),), RADIUS)
-    return SimpleNamespace(knots=knots, state=state, feasible=feasible, add_work=lambda _: None)
+    return found(curve, state=Ended(curve, polylines_of([curve])), feasible=feasible)
 
 
 def test_legs_that_a_search_leaves_amiss_are_changed_where_they_stand() -> None:
     first = Search("search", problem(), Start((ring(3, 30.0),), "begun"), RADIUS, PRESETS["draft"])
-    found = ended(ring(3, 80.0))
-    steps = _brace_end(first, first.start, found)
+    made = ended(ring(3, 80.0))
+    steps = _brace_end(first, first.start, made)
     short = next(steps)
     assert isinstance(short, Search) and short.start is first.start
     assert not short.settings.coarse_iterations
     assert short.settings.fine_iterations == round(_SHORTER * first.settings.fine_iterations)
     state = short.more["begun"]
-    assert state.rings is found.state.rings and not np.allclose(state.points, found.state.points)
+    assert state.rings is made.state.rings and not np.allclose(state.points, made.state.points)
     np.testing.assert_allclose(lower(state.points, LIGHT), lower(ring(3, 80.0), LIGHT), atol=1e-9)
     with pytest.raises(StopIteration) as done:
         steps.send(fitted := ended(state.points))
@@ -163,7 +166,7 @@ def test_legs_that_a_search_leaves_amiss_are_changed_where_they_stand() -> None:
     # a valley left in mid-air would print on nothing: the search begins again
     aloft = ring(3, 30.0)
     aloft[100:300, 2] = np.maximum(aloft[100:300, 2], -30.0)
-    steps = _brace_end(first, first.start, found)
+    steps = _brace_end(first, first.start, made)
     next(steps)
     again = steps.send(ended(aloft))
     assert isinstance(again, Search) and again.settings == first.settings
@@ -171,11 +174,11 @@ def test_legs_that_a_search_leaves_amiss_are_changed_where_they_stand() -> None:
         steps.send(fitted)
     assert done.value.value == (again.start, fitted) and again.start is not first.start
     # what breaks a limit replaces nothing that keeps all
-    steps = _brace_end(first, first.start, found)
+    steps = _brace_end(first, first.start, made)
     next(steps)
     with pytest.raises(StopIteration) as done:
         steps.send(ended(state.points, feasible=False))
-    assert done.value.value == (first.start, found)
+    assert done.value.value == (first.start, made)
 
 
 @pytest.mark.parametrize("arches", [2, 3])

@@ -21,13 +21,13 @@ from knotfab.hold.hang import (
     MOST_POSTS,
     SPANS,
     TURN_LOSS,
+    Hanger,
     HangMount,
-    _Hanger,
+    begin_hang,
     hang_bodies,
     hang_fixtures,
     let_swing,
     lost_by_turning,
-    plan_hang,
 )
 from knotfab.hold.planner import MOST, Planned, _Plan, plan_members
 from knotfab.hold.plinth import Masses
@@ -55,7 +55,7 @@ TWO = knots(*(k.points for k in ONE.knots), ring(12.0, 5.0, 80, 4.0) + [20.0, 0.
 def plan(two: bool, threads: int) -> HangMount:
     """One view hangs on two threads, several on one."""
     views = [camera(), camera(azimuth_deg=90.0)][: 3 - threads]
-    return plan_hang(TWO if two else ONE, views, [EMPTY] * len(views), 0.4, PLA, 0.8)
+    return begin_hang(TWO if two else ONE, views, [EMPTY] * len(views), 0.4, PLA, 0.8).plan_best()
 
 
 @cache
@@ -160,7 +160,7 @@ def test_several_views_hang_on_two_threads_where_a_turn_costs_their_pictures() -
     assert lost(upright, views) < TURN_LOSS
     assert lost_by_turning(ONE, views, [EMPTY, EMPTY]) == 0
     shadows = [shadow_of(ONE, view) for view in views]
-    assert len(plan_hang(ONE, views, shadows, 0.4, PLA, 0.8).eyelets) == 2
+    assert len(begin_hang(ONE, views, shadows, 0.4, PLA, 0.8).plan_best().eyelets) == 2
 
 
 @pytest.mark.parametrize(
@@ -180,9 +180,9 @@ def test_of_pairs_that_hold_two_pictures_one_is_taken_that_crosses_none(
         planned.append(replace(made, sag_mm=0.0, predicted_intrusion=np.array([0.0, share])))
         return planned[-1]
 
-    monkeypatch.setattr(_Hanger, "plan", stand_in)
-    monkeypatch.setattr(_Hanger, "list_pairs", lambda *_: [np.zeros((2, 3))] * len(crossing))
-    assert plan_hang(ONE, views, shadows, 0.4, PLA, 0.8) is planned[taken]
+    monkeypatch.setattr(Hanger, "plan", stand_in)
+    monkeypatch.setattr(Hanger, "list_pairs", lambda *_: [np.zeros((2, 3))] * len(crossing))
+    assert begin_hang(ONE, views, shadows, 0.4, PLA, 0.8).plan_best() is planned[taken]
     assert len(planned) == len(crossing) + 1
 
 
@@ -197,7 +197,7 @@ def test_a_single_eyelet_goes_where_it_crosses_no_picture(
     rows = np.arange(views[0].height)
     band = np.repeat(((rows > top) & (rows < foot))[:, None], views[0].width, axis=1)
     soft = replace(PLA, max_sag_mm=100.0)
-    mount = plan_hang(ONE, views, [band, ~EMPTY], 0.4, soft, 0.8)
+    mount = begin_hang(ONE, views, [band, ~EMPTY], 0.4, soft, 0.8).plan_best()
     assert len(mount.eyelets) == 1 and mount.predicted_intrusion[1] < 1e-4
     assert (mount.predicted_intrusion[0] < 1e-4) == (high > low)
 
@@ -320,7 +320,9 @@ def test_a_piece_that_no_struts_make_stiff_is_planned_a_few_times_and_told(
     find_change = _Plan.find_change
     monkeypatch.setattr("knotfab.hold.hang.plan_members", count)
     monkeypatch.setattr(_Plan, "find_change", change)
-    mount = plan_hang(thin, [camera()], [EMPTY], 0.4, replace(PLA, max_sag_mm=most_mm), 0.4)
+    mount = begin_hang(
+        thin, [camera()], [EMPTY], 0.4, replace(PLA, max_sag_mm=most_mm), 0.4
+    ).plan_best()
     assert mount.sag_mm > most_mm or rounds > 2
     assert 0 < len(changes) <= rounds * (1 + len(SPANS)) and max(changes) <= MOST + 1
     # a plan begun with what an earlier one took has few changes left
@@ -338,7 +340,7 @@ def bed(strands: Knots, free_mm: float = 0.0) -> Bed:
 
 @cache
 def standing() -> HangMount:
-    return plan_hang(HIGH, [camera()], [EMPTY], 0.4, LIMP, 0.8, bed=bed(HIGH))
+    return begin_hang(HIGH, [camera()], [EMPTY], 0.4, LIMP, 0.8, bed=bed(HIGH)).plan_best()
 
 
 def test_what_prints_without_supports_hangs_by_rings_on_posts_that_rise() -> None:
@@ -399,19 +401,19 @@ def test_members_rise_steeply_and_stand_firm(
 def test_loose_pieces_that_no_rising_strut_joins_are_told() -> None:
     flat = knots(ring(40.0, wave=0.5), ring(20.0, wave=0.5))
     with pytest.raises(SceneError, match="no strut rises from one knot to the next"):
-        plan_hang(flat, [camera()], [EMPTY], 0.4, PLA, 0.8, bed=bed(flat))
+        begin_hang(flat, [camera()], [EMPTY], 0.4, PLA, 0.8, bed=bed(flat)).plan_best()
 
 
 def test_a_strand_above_the_centre_leaves_no_way_for_a_thread() -> None:
     arc = np.linspace(-90.0, 90.0, 160)
     roof = np.column_stack([arc, np.full(160, 75.0), np.zeros(160)])
     back = np.column_stack([arc[::-1], np.full(160, 68.0), np.full(160, 1.0)])
-    mount = plan_hang(
+    mount = begin_hang(
         knots(ONE.knots[0].points, np.vstack([roof, back])), [camera()], [EMPTY], 0.4, PLA, 0.8
-    )
+    ).plan_best()
     assert (mount.threads[:, 1] > 75.0).all()
     with pytest.raises(SceneError, match="hanger"):  # nothing is ever so far from all strands
-        plan_hang(ONE, [camera()], [EMPTY], 90.0, PLA, 0.8)
+        begin_hang(ONE, [camera()], [EMPTY], 90.0, PLA, 0.8).plan_best()
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,11 @@ from knotfab.effects.base import EffectContext, World
 from knotfab.effects.survey import survey
 from knotfab.knots import Knot, Knots
 from knotfab.picture.read import read_target
-from knotfab.problem import Problem, SearchResult, Start, TargetView
+from knotfab.problem import Problem, Start, TargetView
 from knotfab.scene.catalogue import resolve
 from knotfab.search.flow import plan_of
 from knotfab.search.search import search
+from knotfab.search.state import SearchResult
 from knotfab.start.start import make_start
 from knotfab_formats.piece import Mount
 from knotfab_formats.scene import ResolvedView, Scene, SettledRegion

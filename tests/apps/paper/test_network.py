@@ -15,7 +15,8 @@ from knotfab.apps.paper import network_search
 from knotfab.apps.paper.network_search import Coupling, CouplingNetwork, Perceptron, Rigid, rotation
 from knotfab.base.errors import SceneError
 from knotfab.geometry.carry import Carried
-from knotfab.problem import Problem, SearchResult
+from knotfab.problem import Problem
+from knotfab.search.state import SearchResult
 from knotfab.start.filling import Template
 from knotfab.start.start import start_at_circles
 from knotfab_formats.errors import InputError
