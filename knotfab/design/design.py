@@ -69,6 +69,7 @@ START_FILE = "start.json"
 _BRACINGS = 8
 # share of the fine phase that fits arches which were added at the end of a search
 _SHORTER = 1 / 6
+_LOST = 0.002  # IoU that it may cost, or a whole search follows
 _AMISS = "a leg has no neighbour to brace it, or is too flat"
 
 
@@ -222,18 +223,18 @@ def _brace_end(
 ) -> Steps[tuple[Start, SearchResult]]:
     """Plan searches until no leg is amiss at the end of one; return its start and what it found.
 
-    They go on from the strands as found where each such leg can be changed there; else, or where a valley is
-    then left above the floor, they begin again.
+    They go on from the strands as found where each such leg can be changed there; else, or where these then
+    draw worse or leave a valley above the floor, they begin again.
     """
     for _ in range(_BRACINGS):
-        braced = start_on_more_legs(first.problem, start, result)
+        braced = start_on_more_legs(first.problem, start, result, ended=True)
         if braced is None:
             break
         whole = replace(first, what="search from more arches", start=braced, why=_AMISS)
         searches = [whole]
         ended = result.state
         stood = replace(start, curves=tuple(ended.rings.split(ended.points)))
-        if mended := start_on_more_legs(first.problem, stood, result, every=True):
+        if mended := start_on_more_legs(first.problem, stood, result, ended=True, every=True):
             state = replace(ended, points=np.concatenate(mended.curves))
             begun = replace(whole, start=start)
             short = _go_on(begun, "short search on more arches", state, _SHORTER)
@@ -243,8 +244,9 @@ def _brace_end(
             if result.feasible and not further.feasible:
                 return start, result
             further.add_work(result)
+            worse = further.iou_estimate < result.iou_estimate - _LOST
             start, result = one.start, further
-            if not has_valley_aloft(result):
+            if not worse and not has_valley_aloft(result):
                 break
     return start, result
 

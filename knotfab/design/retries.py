@@ -291,12 +291,14 @@ def _farthest_outside(result: SearchResult, target: TargetView) -> float:
 _FLATTEST_DEG = LEAST_FLANK_DEG + 3.0  # least mean slope of a leg, parts of which are flatter
 # greatest height of the arch before a leg that is flat in places, over the leg's: 46 degrees become 57
 _LOW_SHARE = 0.25
+# a strand that is no higher above its foot lies on the bed: so much is cut off, or stands in a plate
+_LYING_RADII = 0.5
 _ROUNDING_MM = 1e-9  # by so much a gap at a crossing may shrink
 _SEEN_EVERY = 8  # points along a leg, each that is looked for in the start
 
 
 def start_on_more_legs(
-    problem: Problem, start: Start, found: SearchResult, every: bool = False
+    problem: Problem, start: Start, found: SearchResult, ended: bool = False, every: bool = False
 ) -> Start | None:
     """Add an arch for each leg that has no neighbour to brace it, or is too flat; None where none is amiss.
 
@@ -306,6 +308,7 @@ def start_on_more_legs(
 
     Args:
         found: what a search made of the start's curves, whose legs are looked at.
+        ended: whether that is what is printed: a leg may then lie on the bed before it rises.
         every: whether to return None as well if a leg that is amiss cannot be changed.
     """
     if not problem.arched:
@@ -353,10 +356,12 @@ def start_on_more_legs(
             heights = curves[leg.curve][:, 2] - floor
             change(leg, top, top, _halve_arch(heights, plans[leg.curve], top, radius))
 
+    lying = _LYING_RADII * radius if ended else 0.0
+
     def add_arches(is_flat: Callable[[Leg], bool], most: float = 0.0) -> None:
         for leg in filter(is_flat, legs):
-            rise = float(np.ptp(leg.points[:, 2]))
-            share = 0.5 * (_steps_along(leg).sum() * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
+            rise, along = _rise_of(leg, lying)
+            share = 0.5 * (along * np.tan(np.radians(FLANK_DEG)) / rise - 1.0)
             # a leg that is steep but for a flat place gets the lowest arch, and is steeper still
             share = max(share, min(1.01 * LOWEST_ARCH_RADII * radius / rise, most))
             if not len(places := find(leg)):
@@ -366,7 +371,7 @@ def start_on_more_legs(
                 heights = curves[leg.curve][:, 2] - floor
                 change(leg, low, top, _add_arch(heights, plans[leg.curve], places, share, radius))
 
-    add_arches(_is_flat)
+    add_arches(lambda leg: _is_flat(leg, lying))
     if not changed:  # a further search may well straighten a leg that is flat in places
         add_arches(_is_flat_in_places, _LOW_SHARE)
     if not changed or (every and kept):
@@ -377,7 +382,7 @@ def start_on_more_legs(
 def has_valley_aloft(found: SearchResult) -> bool:
     """Return whether a valley is left above the floor, where it would begin in mid-air."""
     feet = [leg.points[0, 2] for leg in found.braced.legs]
-    return bool(feet) and max(feet) - min(feet) > 0.5 * found.knots.radius_mm
+    return bool(feet) and max(feet) - min(feet) > _LYING_RADII * found.knots.radius_mm
 
 
 def _steps_along(leg: Leg) -> Array:
@@ -385,8 +390,15 @@ def _steps_along(leg: Leg) -> Array:
     return np.asarray(np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1))
 
 
-def _is_flat(leg: Leg) -> bool:
-    rise, along = np.ptp(leg.points[:, 2]), _steps_along(leg).sum()
+def _rise_of(leg: Leg, lying: float) -> tuple[float, float]:
+    """Return how far a leg rises, and goes over the bed, from where it is `lying` above its foot, mm."""
+    height = leg.points[:, 2] - leg.points[0, 2]
+    first = int(np.flatnonzero(height <= lying)[-1])
+    return float(height[-1] - height[first]), float(_steps_along(leg)[first:].sum())
+
+
+def _is_flat(leg: Leg, lying: float) -> bool:
+    rise, along = _rise_of(leg, lying)
     return bool(MOST_BRIDGE_MM < rise < along * np.tan(np.radians(_FLATTEST_DEG)))
 
 

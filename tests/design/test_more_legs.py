@@ -58,10 +58,10 @@ def ask(
     begun: Array | None = None,
     arched: bool = True,
     types: tuple[str, ...] = ("unknot",),
-    every: bool = False,
+    **how: bool,
 ) -> Start | None:
     start = Start((curve if begun is None else begun,), "a circle", types)
-    return start_on_more_legs(problem(arched), start, found(curve, radius=radius), every)
+    return start_on_more_legs(problem(arched), start, found(curve, radius=radius), **how)
 
 
 def test_halved_arches_keep_the_shadow_the_slopes_and_the_floor() -> None:
@@ -145,8 +145,9 @@ class Ended:
     rings: Polylines
 
 
-def ended(curve: Array, feasible: bool = True) -> Any:
-    return found(curve, state=Ended(curve, polylines_of([curve])), feasible=feasible)
+def ended(curve: Array, feasible: bool = True, iou: float = 0.99) -> Any:
+    state = Ended(curve, polylines_of([curve]))
+    return found(curve, state=state, feasible=feasible, iou_estimate=iou)
 
 
 def test_legs_that_a_search_leaves_amiss_are_changed_where_they_stand() -> None:
@@ -163,16 +164,17 @@ def test_legs_that_a_search_leaves_amiss_are_changed_where_they_stand() -> None:
     with pytest.raises(StopIteration) as done:
         steps.send(fitted := ended(state.points))
     assert done.value.value == (first.start, fitted)
-    # a valley left in mid-air would print on nothing: the search begins again
+    # a valley left in mid-air would print on nothing: the search begins again, as where strands draw worse
     aloft = ring(3, 30.0)
     aloft[100:300, 2] = np.maximum(aloft[100:300, 2], -30.0)
-    steps = _brace_end(first, first.start, made)
-    next(steps)
-    again = steps.send(ended(aloft))
-    assert isinstance(again, Search) and again.settings == first.settings
-    with pytest.raises(StopIteration) as done:
-        steps.send(fitted)
-    assert done.value.value == (again.start, fitted) and again.start is not first.start
+    for poor in ended(aloft), ended(state.points, iou=0.98):
+        steps = _brace_end(first, first.start, made)
+        next(steps)
+        again = steps.send(poor)
+        assert isinstance(again, Search) and again.settings == first.settings
+        with pytest.raises(StopIteration) as done:
+            steps.send(fitted)
+        assert done.value.value == (again.start, fitted) and again.start is not first.start
     # what breaks a limit replaces nothing that keeps all
     steps = _brace_end(first, first.start, made)
     next(steps)
@@ -218,6 +220,19 @@ def test_a_leg_that_is_flat_above_gets_an_arch_though_it_is_steep_on_the_whole(
     away = [np.linalg.norm(np.diff(leg.points[:, :2], axis=0), axis=1).sum() for leg in legs]
     assert (np.degrees(np.arctan2(rise, away)) > _FLATTEST_DEG).all()
     assert (ask(before) is not None) == more
+
+
+@pytest.mark.parametrize(("flank_deg", "flat"), [(42.0, False), (35.0, True)])
+def test_what_lies_on_the_bed_makes_no_leg_flat_once_a_search_has_ended(
+    flank_deg: float, flat: bool
+) -> None:
+    before, u = ring(3, 26.0), 1.0 - np.abs(np.linspace(-1.0, 1.0, 200, endpoint=False))
+    plan, lying = lower(before, LIGHT), np.minimum(u / 0.3, 1.0)
+    flank = 0.7 * 10.0 * np.pi  # over the bed, of the sixth of a circle that a leg goes
+    rise = flank * np.tan(np.radians(flank_deg)) * np.maximum(u - 0.3, 0.0) / 0.7
+    before[:, 2] = np.tile(0.3 * RADIUS * lying + rise, 3) - 40.0
+    before[:, :2] = plan * (1.0 - before[:, 2:] / LIGHT)
+    assert ask(before) is not None and (ask(before, ended=True) is not None) == flat
 
 
 def test_strands_that_cross_stay_apart_there() -> None:
