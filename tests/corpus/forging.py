@@ -16,13 +16,16 @@ import numpy as np
 import tomli_w
 from manifold3d import Manifold, Mesh64, OpType
 from PIL import Image, ImageDraw
+from shapely import MultiPolygon
 
 from knotfab.base.folder import OutputFolder
+from knotfab.effects.base import World
 from knotfab.geometry.tube import as_mesh
 from knotfab.knots import Knot, Knots
 from knotfab.part.assemble import clean_body, part_of
 from knotfab.part.write import pose_scene, write_part
 from knotfab.picture.read import Target
+from knotfab.problem import TargetView, brace
 from knotfab.scene.catalogue import resolve
 from knotfab_formats.scene import Scene, SettledScene
 from knotfab_formats.slicer_ini import PROFILE, STYLES, imply_settings
@@ -235,15 +238,16 @@ def write_held(holder: str, folder: Path) -> None:
     knots = _knots_for(holder)
     scene = _scene(holder)
     targets = [_target(view.name, holder in FILLED) for view in scene.views]
-    made: Any = SimpleNamespace(
-        scene=scene, knots=knots, settings=SimpleNamespace(mesh_sides=SIDES)
-    )
+    seen = TargetView(scene.views[0], targets[0].mask, MultiPolygon())
+    result = SimpleNamespace(braced=brace(knots, seen, World.from_scene(scene)))
+    settings = SimpleNamespace(mesh_sides=SIDES)
+    made: Any = SimpleNamespace(scene=scene, knots=knots, settings=settings, result=result)
     part = part_of(made, True, targets)
     with OutputFolder(folder) as staged:
         write_part(staged, part, pose_scene(part), targets)
         asked = scene.printer, scene.material, scene.mount, scene.piece.tube_radius_mm
-        settings = imply_settings(*asked, scene.piece.supports == "none", STYLES[0])
-        staged.write(PROFILE, "".join(f"{k} = {v}\n" for k, v in settings.items()))
+        profile = imply_settings(*asked, scene.piece.supports == "none", STYLES[0])
+        staged.write(PROFILE, "".join(f"{k} = {v}\n" for k, v in profile.items()))
         staged.commit()
 
 
