@@ -4,6 +4,8 @@ import copy
 import gc
 import locale
 import os
+import pickle
+import pkgutil
 import signal
 import sys
 from collections.abc import Collection, Iterator
@@ -234,3 +236,26 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw text and SVG as large as in a build, which `_draw_small` spares other tests."""
     for module in ("text", "svg.render"):
         monkeypatch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 2048)
+
+
+_KEPT: dict[tuple[str, bytes], Any] = {}
+
+
+@pytest.fixture
+def thrifty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read a picture, and fill it with curves, once for all tests that ask for this."""
+
+    def once(name: str, function: Any) -> Any:
+        def look_up(*given: Any, **named: Any) -> Any:
+            key = name, pickle.dumps((given, named))
+            if key not in _KEPT:
+                _KEPT[key] = function(*given, **named)
+            return _KEPT[key]
+
+        return look_up
+
+    for name in (
+        *("picture.read._take_target", "picture.lamps.separate", "design.frames.count_dust"),
+        *("start.lift.assign_lanes", "start.start.fill"),
+    ):
+        monkeypatch.setattr(f"knotfab.{name}", once(name, pkgutil.resolve_name(f"knotfab.{name}")))

@@ -23,7 +23,8 @@ from knotfab.request import Request, require_device
 from knotfab.search import search as searching
 from knotfab_formats.errors import KnotfabError
 
-pytestmark = pytest.mark.slow  # most read and survey pictures twice
+# most read and survey pictures twice
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("thrifty")]
 HERE = Path(__file__).parents[2] / "examples"
 Options = dict[str, Any]
 # what is typed after `knotfab build`: pictures, and the options of each call with them; where a picture is
