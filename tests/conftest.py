@@ -10,7 +10,6 @@ import signal
 import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import cyclopts
@@ -92,26 +91,6 @@ def _draw_small() -> Iterator[None]:
             patch.setattr(f"knotfab.picture.{module}.LONGER_SIDE", 512)
         for name, pixels in {"WIDE_PX": 480, "HIGH_PX": 360, "_DAY_PX": (240, 180)}.items():
             patch.setattr(f"knotfab.render.hung_picture.{name}", pixels)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _leave_sheets_blank() -> Iterator[None]:
-    """Builds in this process write sheets with two bars each, whose drawing takes most of a second.
-
-    Processes of their own draw them whole, and so does test_build, which reads them.
-    """
-    bars = "M0 0h90v9M0 70h90v9"
-    svg = f'<svg xmlns="http://www.w3.org/2000/svg" width="90" height="90"><path d="{bars}"/></svg>'
-
-    def write(folder: Path, *asked: Any) -> list[str]:
-        names = [f"setup{asked[-1]}.{kind}" for kind in ("pdf", "svg")]
-        for name in names:
-            (folder / name).write_text(svg)
-        return names
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("knotfab.pipeline.finish.write_setup", write)
         yield
 
 

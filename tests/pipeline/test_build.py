@@ -22,9 +22,7 @@ import knotfab.part.slicer as slicer
 import knotfab.pipeline.plan as planning
 from knotfab.design.design import Design
 from knotfab.part.slicer_process import NotSliced
-from knotfab.pipeline import finish
 from knotfab.render.part_picture import why_undrawn
-from knotfab.report.setup import write_setup
 from knotfab.report.summary import CHECKS
 from knotfab_formats.search import PRESETS
 from knotfab_formats.verdict import KNOTS, MESH, PRINTING, SHADOWS, UPRIGHT
@@ -76,7 +74,6 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Good:
     original = planning.plan_searches
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planning, "plan_searches", design)
-        patch.setattr(finish, "write_setup", write_setup)
         call = ["build", "text:♥", "--tube-radius", str(RADIUS), "--accuracy", "draft"]
         # real slicing takes as long as all the rest: a sequence's build and tests/slicer have it
         bare = "--print", "--mount", "none", "--supports", "slicer", "--skip", "slicer"
@@ -251,10 +248,7 @@ def test_the_scene_is_resolved(good: Good) -> None:
     assert scene["views"][0]["picture"] == "picture-front.png"
 
 
-def test_the_resolved_scene_gives_the_same_part_quietly(
-    good: Good, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(finish, "write_setup", write_setup)
+def test_the_resolved_scene_gives_the_same_part_quietly(good: Good, tmp_path: Path) -> None:
     again = tmp_path / "again"
     scene = good.folder / "scene.toml"
     call = ["build", "--scene", scene, "--print", *UNREAD]  # the parts are alike or not
