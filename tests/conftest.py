@@ -198,10 +198,10 @@ def _shares(item: pytest.Item) -> bool:
     module = item.module  # type: ignore[attr-defined]
     own = [f for f in vars(module).values() if getattr(f, "__module__", "") == module.__name__]
     info = getattr(item, "_fixtureinfo", None)
-    defined = info.name2fixturedefs.values() if info is not None else ()
-    return any(hasattr(f, "cache_info") for f in own) or any(
-        d[-1].scope in ("class", "module") for d in defined
-    )
+    defined = info.name2fixturedefs if info is not None else {}
+    scopes = {found[-1].scope for found in defined.values()}
+    cached = any(hasattr(f, "cache_info") for f in own) or "thrifty" in defined
+    return cached or not scopes.isdisjoint(("class", "module"))
 
 
 @pytest.fixture
