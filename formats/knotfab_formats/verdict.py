@@ -202,7 +202,7 @@ class Sag:
 
 @dataclass(frozen=True)
 class Named:
-    """The picture's rank among foreign signs: `z` standard deviations above their mean, or `first` of all."""
+    """The picture's rank among foreign signs: `z` deviations above their mean, `first` if best."""
 
     z: float
     first: bool
@@ -253,7 +253,7 @@ class View:
     intrusion: float | None
     depth_ratio: float | None
     told: Told | None = None
-    recognition: dict[str, Named] | None = None  # of 1.x, for one release
+    recognition: dict[str, Named] | None = None  # what 1.x told; it goes with the next release
     lamp_colour: tuple[float, float, float] | None = None
     iou_drawn: float | None = None
     bending: Bending | None = None

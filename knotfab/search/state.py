@@ -198,7 +198,7 @@ class SearchResult:
     depth: DepthChoice | None
     ious: tuple[float, ...]  # one per view, as the search measured them
     views: tuple[ResolvedView, ...]
-    numbers: ViewNumbers | None  # of a pose that the search found
+    numbers: ViewNumbers | None
     guards: Mapping[str, Guard]  # by the limit's name
     ended: str
     state: SearchState  # in which the search ended: another may go on from it

@@ -1,4 +1,4 @@
-"""scene.toml is read with the documented defaults; test_hostile.py has impossible values."""
+"""scene.toml is read with the documented defaults; corpus/hostile.py has impossible values."""
 
 import json
 import os
@@ -118,7 +118,7 @@ def test_a_scene_reads_its_mesh_and_says_what_is_wrong_with_it(tmp_path: Path) -
     assert check_region(bare, None, KNOT).status == "skipped"
 
 
-# knots.json is read bit for bit; test_hostile.py has what is no such file.
+# knots.json is read bit for bit; corpus/hostile.py has what is no such file.
 
 
 def test_points_come_back_bit_for_bit_without_a_radius_too(tmp_path: Path) -> None:
